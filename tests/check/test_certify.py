@@ -120,9 +120,12 @@ def test_a_slope_in_A_is_no_part_of_the_class_that_alpha_asks_for(tmp_path: Path
     assert short(2.0)
     assert not short(2.125)
     assert short(2.125, scales=((1.0,), (1.0,))), "in scales -1.1 is another number"
-    found = certify(written(tmp_path, moved_slope()))
-    assert found.verdicts["certificate"].proved
-    assert found.verdicts["asked"].status == "refuted"
+    for split in ("terms", "jacobian"):  # at 0 the slope is -1, and what is asked for is moved is that
+        content = moved_slope()
+        content["problem"] = content["problem"] | {"agent": TANKS["agent"] | {"split": split}}
+        found = certify(written(tmp_path, content))
+        assert found.verdicts["certificate"].proved
+        assert found.verdicts["asked"].status == "refuted", split
 
 
 def test_a_title_makes_no_lines_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,10 +143,12 @@ def test_a_local_design_says_so_in_its_first_line(tmp_path: Path) -> None:
     content = deepcopy(DESIGN)
     assert "domain" not in certify(written(tmp_path, content)).verdicts["bound"].reason
     content["claims"]["scope"] = "local"
-    assert (
-        "while every agent stays in the domain"
-        in certify(written(tmp_path, content)).verdicts["bound"].reason
-    )
+    said = certify(written(tmp_path, content)).verdicts["bound"].reason
+    assert "while every agent stays in the domain" in said
+    content["claims"]["alpha"] = 3.0
+    refuted = certify(written(tmp_path, content)).verdicts["bound"]
+    assert refuted.status == "refuted"
+    assert "holds" not in refuted.reason
 
 
 def test_fewer_boxes_than_the_proof_takes_decide_nothing(tmp_path: Path) -> None:

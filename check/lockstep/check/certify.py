@@ -22,12 +22,13 @@ from typing import Any
 import numpy as np
 
 from lockstep.check import continuous_claims as continuous
+from lockstep.check.bound.box import Box
 from lockstep.check.bound.decide import MOST_BOXES, decide_bound, decide_offset
 from lockstep.check.c_source.folder import controllers_in
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.initial_set import Domain, box_text, contains
 from lockstep.check.design_file import content
-from lockstep.check.design_file.claims import SampledClaims
+from lockstep.check.design_file.claims import Claims, SampledClaims
 from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.files import text_inside
 from lockstep.check.fixed_point import decide_fixed
@@ -53,7 +54,8 @@ from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
 
-DESIGN_NAME = "design.json"
+DESIGN_NAME, FLAT = "design.json", 1e-6
+Verdicts = Iterator[tuple[str, Verdict]]
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def certified(stored: CheckedFile, folder: Path | None = None) -> Certified:
     return Certified(stored.problem.title, verdicts)
 
 
-def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[str, Verdict]]:
+def decide(stored: CheckedFile, folder: Path | None = None) -> Verdicts:
     """Yield the verdict of one claim after the other; each rests on those before it."""
     problem, claims, proofs = stored.problem, stored.claims, stored.proofs
     if not claims.certified or proofs.certificate is None or proofs.bound is None:
@@ -112,7 +114,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Iterator[tuple[st
     delta = np.tile([claims.fragility[letter] for letter in "ABCD"], (network.N, 1))
     claim = Claim(claims.alpha, delta=delta, entries=claims.entries, **problem.performance._asdict())
     yield "certificate", continuous.decide_certificate(network, stored.gains, claim, proofs.certificate)
-    split = problem.tables["agent"].get("split") == "jacobian"  # the file itself has slopes moved
+    split = problem.tables["agent"].get("split") == "jacobian" and _is_flat_at_zero(agent, claims)
     moved = () if split else [one.amount for one in proofs.bound.moves]
     short = "; ".join(shortfalls(problem.design, claims, stored.gains, problem.gain_units, moved))
     said = f"less is claimed than is asked for: {short}"
@@ -164,12 +166,16 @@ def _bound(stored: CheckedFile, agent: ExactAgent) -> Verdict:
     boxes = min(proof.boxes, MOST_BOXES)
     found = decide_bound(agent.phi, box, claims.alpha, D_w, D_v, claims.entries, boxes=boxes)
     local = "; it holds, as all below, while every agent stays in the domain of the file"
-    return replace(found, reason=found.reason + local * (claims.scope != "global"))
+    return replace(found, reason=found.reason + local * (found.proved and claims.scope != "global"))
 
 
-def _sampled(
-    stored: CheckedFile, network: ExactNetwork, folder: Path | None
-) -> Iterator[tuple[str, Verdict]]:
+def _is_flat_at_zero(agent: ExactAgent, claims: Claims) -> bool:
+    """Whether phi has no slope at 0, to a millionth of alpha: it was moved into A, which split = "jacobian" asks for."""
+    zero, scales = Box(*[(0.0,) * len(agent.H)] * 2), claims.scales or (None, None)
+    return decide_bound(agent.phi, zero, FLAT * claims.alpha, *scales, boxes=1).proved
+
+
+def _sampled(stored: CheckedFile, network: ExactNetwork, folder: Path | None) -> Verdicts:
     """Yield what is proved of the sampled controllers: of the C of a folder, else of the design's gains."""
     claims, proofs, problem = stored.claims.sampled, stored.proofs, stored.problem
     held = held_controllers(stored, problem.period)
@@ -222,9 +228,7 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
     return Verdict.of(said, holds)
 
 
-def _limits(
-    stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]
-) -> Iterator[tuple[str, Verdict]]:
+def _limits(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]) -> Verdicts:
     """Yield what is proved of the inputs' limits, as far as it is claimed."""
     claims, proofs, limits = stored.claims.sampled, stored.proofs, stored.problem.limits
     if claims.radius is claims.limits_gain is claims.clipped_radius is None:

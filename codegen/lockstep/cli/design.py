@@ -13,7 +13,7 @@ from lockstep.model.agents.arguments import units_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
-SLOWER = ", and is more than is proved of the controllers that ship: ask for a `decay`"
+SLOWER = ", and is more than is proved of the controllers that ship: ask for a `decay`, or a faster one"
 WORSE = ": these controllers make it worse; is the period too long?"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
@@ -96,7 +96,7 @@ def _numbers(value: Any) -> str:
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
-    limit = figures.get("time_limit")
+    limit = None if figures.get("interrupted") else figures.get("time_limit")
     if limit is None and not figures.get("interrupted"):
         return {}
     cut = "interrupted" if limit is None else f"cut by the limit of {limit:g} s"

@@ -38,7 +38,7 @@ NEAR = 1.05
 """A sampled loop whose rho is above the continuous one by more is designed for its period."""
 
 SPOILT = 2.0
-"""Of a rho that is by so much larger than the continuous one it is said why no gains were designed for the period."""
+"""Of a rho that is by so much larger than would be enough it is said why no gains were designed for the period."""
 
 SECTORS, SETTLED = 3, 0.99
 """With slopes of their own the sector of the sampled loop is made of the continuous certificate's weights, which new gains
@@ -89,13 +89,12 @@ def as_shipped(
         effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
         stop = stop or Stop()
         shipped = _shipped(stored, tell, effort, stop)
-        cut: dict[str, object] = {"interrupted": True} if stop.asked else {}
-        if deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys():
-            cut["time_limit"] = time_limit
-        shipped = replace(shipped, info={**shipped.info, "figures": {**shipped.info["figures"], **cut}})
+        late = deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys()
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
-        return with_limits(shipped, stored)
+        limited = with_limits(shipped, stored)
+        cut = ({"time_limit": time_limit} if late else {}) | ({"interrupted": True} if stop.asked else {})
+        return replace(limited, info={**limited.info, "figures": {**limited.info["figures"], **cut}})
 
 
 def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort, stop: Stop) -> Stored:

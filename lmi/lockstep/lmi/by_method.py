@@ -65,7 +65,7 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
         with contextlib.suppress(Infeasible, NotCertified, NothingYet):
             again = found_from(anew=True)
             if again[0].certificate.rho < MUCH * found.certificate.rho:
-                found, floor = again
+                found, floor = again[0], again[1] or floor
     alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
     figures = found.figures | _figures(problem, network, found.gains) | {"rho_alone": alone}
     if alone is not None and not eliminates_P(network.loop(0)):

@@ -111,12 +111,15 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         yield Wishes(problem)
         return
     said, limits = _asked(problem, _of_two(problem, network), claim)
-    within = _within_limits(problem, network, claim, limits[0])
+    within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     if within is not None:
         for more, part in SIZED if problem.design.decay else SIZED[:1]:
             asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
             yield Wishes(asked, f", which {part} [agent.limits] sized", enough=True)
+            most = 0.0 if "gain_units" in within else asked.design.gain_limit
     for limit in limits:
+        if "gain_units" not in limit and limit["gain_limit"] <= most:
+            continue  # it was within the one before
         yield Wishes(_with(problem, said | limit))
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)

@@ -76,7 +76,7 @@ def _designed(
     best, first, before = None, "", list[str]()
     for number, wish in enumerate(tried, start=1):
         left, last = time_limit, wish is tried[-1]
-        stop.found = best is not None
+        stop.found = best is not None and problem.design.method == "certified"
         if deadline is not None and wish is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
         so_far = f" ({before[-1]})" if before else ""
@@ -87,7 +87,12 @@ def _designed(
 
         try:
             found = _proposed(wish.problem, bound, Attempt(jobs, counted, left, stop, last))
-        except (Infeasible, NotCertified, OutOfTime, NothingYet) as error:
+        except KeyboardInterrupt as error:  # a second interrupt keeps nothing
+            if best is None or (stop.asked and not isinstance(error, NothingYet)):
+                raise
+            stop.asked = True
+            break
+        except (Infeasible, NotCertified, OutOfTime) as error:
             if best is not None:
                 break
             first = first or str(error)  # what no controller can is said in the same words each time
@@ -96,7 +101,7 @@ def _designed(
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
-            before.append(wish.with_limit(_came_to(getattr(error, "figures", {}), problem.design.decay)))
+            before.append(wish.with_limit(_came_to(error.figures, problem.design.decay)))
             continue
         if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
             best = found if wish.problem is problem else _with_remark(found, wish, _given_up(before, wish))
@@ -107,7 +112,8 @@ def _designed(
             times > near if best.floor else best.network.spectrum is None
         )  # of many graphs there is no floor
         before.append(wish.with_limit(f"rho was {times:.3g}{' floors' * bool(best.floor)}"))
-        if stop.asked or not far or eliminates_P(best.network.loop(problem.order)):
+        over = stop.asked or (deadline is not None and time.monotonic() >= deadline)
+        if over or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
     assert best is not None
     return replace(best, figures=best.figures | {"interrupted": True}) if stop.asked else best
@@ -120,9 +126,9 @@ def _given_up(before: Sequence[str], wish: Wishes) -> str:
 def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
     """Return how far an attempt without gains came, in a few words."""
     if "fraction" in figures:
-        return f"{figures['fraction']:.2g} of alpha was carried"
-    loop = f"no loop decayed at {decay:g} 1/s" if decay else "no loop was stable"
-    return loop if figures.get("abscissa", -1.0) >= 0 else "nothing was certified"
+        return f"{int(100 * figures['fraction']) / 100:g} of what is asked was carried"
+    loop = f"no loop decayed at {decay:g} 1/s" if decay else "no loop was as stable as is searched for"
+    return loop if figures.get("abscissa", -1.0) >= 0 else "not all that is asked was certified"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

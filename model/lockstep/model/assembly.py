@@ -246,9 +246,7 @@ def _decided(bound: Bound, alpha: float) -> Bound:
         figures |= {"witness": list(bound.witness.v), "time": bound.witness.t}
     what = "does not bound" if bound.refuted else "could not be proved to bound"
     said = f"[design] alpha = {alpha:g} {what} the nonlinearity: {bound.reason}"
-    raise BoundNotProved(
-        f"{said}; of slopes as they are written: a linear term takes their middle into A", **figures
-    )
+    raise BoundNotProved(f"{said}; it is of the slopes as they are written", **figures)
 
 
 def _undecided(bound: Bound) -> BoundNotProved:

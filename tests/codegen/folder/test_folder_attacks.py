@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import lockstep
 from lockstep.cli.main import app
 from lockstep.codegen.bundle import bundle
 from lockstep.codegen.emission.emit import emit
@@ -21,6 +22,7 @@ from lockstep.codegen.manifest import load_manifest, sha256
 from lockstep.lmi.document import parse
 from lockstep.verification.toolchain import host_compilers
 from lockstep.verification.verify import verify_folder
+from lockstep.workflow.design_file import Design
 
 GENERATED = Path(__file__).parents[3] / "generated" / "flexible_joint_arms"
 FIGURES = {"report.html": "<p>rho</p>", "report.md": "# rho", "figures/singular-values.png": b"\x89PNG"}
@@ -346,3 +348,12 @@ def test_verify_says_that_it_runs_code_and_stops_at_changed_files_unless_told(fo
     answer = json.loads(result.stdout)
     assert (result.exit_code, answer["changed_files"]) == (1, ["README.md"])
     assert all(target["bitwise"] for target in answer["targets"] if not target["skipped"])
+
+
+@pytest.mark.parametrize("name", ["member", "mems", "mainsail", "aborting"])
+def test_names_that_begin_as_those_that_compilers_call_are_names(name, tmp_path):
+    content = json.loads((GENERATED / "design.json").read_text(encoding="utf-8"))
+    content["problem"]["agent"]["name"] = name
+    made = lockstep.generate(Design.of(content, "the design"), tmp_path / "c")
+    assert made.files
+    assert lockstep.certify(tmp_path / "c").ok

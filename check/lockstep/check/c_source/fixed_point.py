@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from lockstep.check.c_source import expected as c
-from lockstep.check.c_source.reader import COUNT, MAX_NEIGHBOURS, in_microseconds, macro, sources
+from lockstep.check.c_source.reader import COUNT, MAX_NEIGHBOURS, SIZES, in_microseconds, macro, sources
 from lockstep.check.c_source.tokens import CText, tokens_of
 from lockstep.check.sampled.fixed_point import SHIFTS, FixedController
 
@@ -121,9 +121,7 @@ def read_fixed(name: str, header: str, source: str, names: Sequence[str]) -> Rea
     words = {"agent": name, "AGENT": name.upper()}
     prefix = f"{name.upper()}_FIXED_"
     top.expect(c.expected(c.HEADER_TOP.replace("AGENT_H", "AGENT_FIXED_H"), set(), words))
-    n, q, m, nn = (
-        int(macro(top, prefix + key, COUNT)[:-1]) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")
-    )
+    n, q, m, nn = (int(macro(top, prefix + key, COUNT)[:-1]) for key in SIZES)
     if not (q and m and nn <= MAX_NEIGHBOURS):
         raise top.refusal(f"no agent has {q} outputs, {m} inputs, {nn} neighbours")
     period = macro(top, f"{prefix}PERIOD_S", _PERIOD)

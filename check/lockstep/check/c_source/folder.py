@@ -89,10 +89,12 @@ def controllers_in(
         degree = max(len(one.sources) for one in held)
         given = "rows" if alike else "numbers and rows"
         of = "a graph with its spectrum" if many else "its graph"
-        said += (
-            f"; nodes are given their {given} of {of}, of in-degree {degree} at most, a list holding {most}"
-        )
+        said += f"; nodes are given their {given} of {of}, in-degree {degree} at most, a list holding {most}"
     return tuple(found), Verdict("proved", f"{said}; comments, README and manifest are not read")
+
+
+_CALLED = "asm|abort|main|bcmp|strlen|mem(cpy|move|set|cmp)"
+"""What compilers call by themselves, or take as a word of their own."""
 
 
 def _unread(folder: Path, cores: Sequence[str], node: str, table: str) -> str:
@@ -118,7 +120,8 @@ def _unread(folder: Path, cores: Sequence[str], node: str, table: str) -> str:
         path, known, own = f"{part}/{table}.{end}", "|".join(names), re.escape(table.upper())
         form = re.compile(
             rf'#include ("({known})\.h"|<stdint\.h>)|#ifdef __cplusplus|#endif|#(ifndef|define) {own}_H'
-            rf'|#define {own}_[A-Z0-9_]+ [0-9]+u?|(?!(asm|abort|main|mem.+)$)[A-Za-z]\w*|[0-9]\w*|"[^"]*"|[{{}},;=*()]|\[|\]',
+            rf"|#define {own}_[A-Z0-9_]+ [0-9]+u?|(?!({_CALLED})$)[A-Za-z]\w*"
+            r'|[0-9]\w*|"[^"]*"|[{},;=*()]|\[|\]',
             re.ASCII,
         )
         tokens = CText(path, text_inside(folder, path)).tokens[:-1] if f"{table}.{end}" in there else []

@@ -31,6 +31,7 @@ _FORMS = {"PERIOD_S": LITERAL, "DESIGN_ID": re.compile('"[0-9a-f]{64}"')}
 OF_REAL = ("real", "ZERO", "DIGITS", "FORMAT", "SCALE")
 SINGLE = ("float", "0.0f", "FLT_MANT_DIG != 24", "binary32", "1.2676506e+30f : 1.0f")
 DOUBLE = ("double", "0.0", "DBL_MANT_DIG != 53", "binary64", "1.2676506002282294e+30 : 1.0")
+SIZES = ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS")
 MAX_NEIGHBOURS = 64
 """One bit of the `received` mask each, and no C99 integer is wider than 64 bits. No controller has a higher order either."""
 
@@ -72,9 +73,7 @@ def read_controller(name: str, header: str, source: str, names: Sequence[str]) -
     top, code = CText(f"include/{name}.h", header), CText(f"src/{name}.c", source)
     words = {"agent": name, "AGENT": name.upper()}
     top.expect(c.expected(c.HEADER_TOP, set(), words))
-    shape = Shape(
-        *(int(_macro(top, words, key)[:-1]) for key in ("ORDER", "OUTPUTS", "INPUTS", "NEIGHBOURS"))
-    )
+    shape = Shape(*(int(_macro(top, words, key)[:-1]) for key in SIZES))
     # Statements are read as rows over all products: of 999 states they took 22 s and 1.3 GB.
     fits = max(shape.order, shape.outputs, shape.inputs, shape.neighbours) <= MAX_NEIGHBOURS
     if not (shape.outputs and shape.inputs and fits):
@@ -194,9 +193,8 @@ class _Agent:
         checks = [
             f"check = check + ({v} - {v});" if k else f"check = {v} - {v};" for k, v in enumerate(checked)
         ]
-        writes = [
-            f"state->{v}[{k}] = {v}_next[{k}];" for v, size in (("x", n), ("u", m)) for k in range(size)
-        ]
+        both = [*(("x", k) for k in range(n)), *(("u", k) for k in range(m))]
+        writes = [f"state->{v}[{k}] = {v}_next[{k}];" for v, k in both]
         unread = [f"(void){letter};" for letter, part in parts.items() if part.size and not part.any()]
         self.words |= {"CHECKS": " ".join(checks), "WRITES": " ".join(writes), "UNREAD": " ".join(unread)}
         return table, roundings

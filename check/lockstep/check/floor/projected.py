@@ -37,8 +37,12 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from lockstep.check.continuous.inequality import Performance
+from lockstep.check.continuous.stability import is_stable
 from lockstep.check.numbers import Matrix, Vector, exactly, eye, inverse, zeros
 from lockstep.check.system.loop import Plant
+
+NEARLY = fmpq(1, 2**20)
+"""1/s: what grows no faster fades. Less would be known for certain; whatever is taken as known, what is proved is proved."""
 
 
 class Side(NamedTuple):
@@ -105,24 +109,30 @@ def with_rho(agent: FloorAgent, rho: fmpq, *, primal_phi: bool = True, dual_phi:
 
 
 def known(C: Matrix, A: Matrix, E: Matrix) -> Matrix:
-    """Return rows c of what is known in the end: those of C, c A of each known c with c E = 0, and what E never drives.
+    """Return rows c of what is known in the end: of C, c A of each known c with c E = 0, and what E never drives if it fades.
 
-    Of a disturbance at the rate v of a place p that is measured, the place and the rate are known; so is f, f' = v - f:
+    Of a disturbance at the rate v of a place p that is measured, the place and the rate are known; so is f, f' = v - f, and
+    f' = v + f is not:
 
     >>> from lockstep.check.numbers import exactly
     >>> A, E = exactly(np.array([[0.0, 1, 0], [-4, -1, 0], [0, 1, -1]])), exactly(np.array([[0.0], [1], [0]]))
     >>> known(exactly(np.eye(3)[:1]), A, E).tolist(), known(exactly(np.eye(3)[2:]), A, np.abs(A)).tolist()
     ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 0, 1]])
+    >>> known(exactly(np.eye(3)[:1]), A + 2 * np.outer(A[2] == -1, A[2] == -1), E).tolist()
+    [[1, 0, 0], [0, 1, 0]]
     """
     rows, before = row_space_and_kernel(C)[0], -1
-    while len(rows) > before:
+    while before < len(rows) < len(A):
         before, size, idle = len(rows), -1, _left_kernel(E)
-        while size != len(
-            idle
-        ):  # the largest set of rows with idle E = 0, idle A in its span and that of what is known
+        # The largest set of rows with idle E = 0 and idle A in the span of it and of what is known; of it y = idle x, and y'.
+        while size != len(idle):
             size, kernel = len(idle), row_space_and_kernel(np.vstack([rows, idle]))[1]
             idle = _left_kernel(idle @ A @ kernel) @ idle
-        rows = row_space_and_kernel(np.vstack([rows, _left_kernel(rows @ E) @ rows @ A, idle]))[0]
+        new, k = row_space_and_kernel(rows)[1], len(A) - len(rows)
+        both = row_space_and_kernel(np.hstack([idle @ new, idle @ A @ new]))[0]
+        falls = is_stable(both[:, k:] @ left_inverse(both[:, :k].T).T - NEARLY * eye(len(both), A))
+        more = [_left_kernel(rows @ E) @ rows @ A, idle if falls else idle[:0]]
+        rows = row_space_and_kernel(np.vstack([rows, *more]))[0]
     return rows
 
 

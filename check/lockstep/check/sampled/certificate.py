@@ -67,7 +67,7 @@ def decide_sampled(
     loop, at = sampled_loop(network, controllers), f"at {network.period:g} s"
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} the period is too long for phi: no proof that there is no conjugate point"
+            said = f"{at} no proof that the period has no conjugate point: it may be too long for phi"
             return refused(network, controllers, said)
         one, tried = lifted_agent(loop), 0
         for witness in witnesses:

@@ -166,7 +166,7 @@ def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -
         return certificate.refused(network, loop.controllers, said)
     with balls.working_precision():
         if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} the period is too long for phi: no proof that there is no conjugate point"
+            said = f"{at} no proof that the period has no conjugate point: it may be too long for phi"
             return certificate.refused(network, loop.controllers, said)
         for P, mode in _modes(loop, witness):
             if not certificate.proves(mode, certificate.lifted_agent(mode), witness.of(P, mode)):

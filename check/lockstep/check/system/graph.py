@@ -198,9 +198,8 @@ def check_count(agents: int) -> None:
 
 def _check_square(a: Annotated[np.ndarray, "..."], where: str) -> None:
     found = f"a matrix of shape {' x '.join(map(str, a.shape))}"
-    demand(
-        a.ndim == 2 and len({*a.shape}) == 1, found, where, "a square one, one row and one column per agent"
-    )
+    expected = "a square one, one row and one column per agent"
+    demand(a.ndim == 2 and len({*a.shape}) == 1, found, where, expected)
     check_count(a.shape[0])
 
 

@@ -127,7 +127,7 @@ def searched(
             raise _nothing(problem, network, claim, found, explain=explain)
         stop.found = True
         tell("proving the certificate", 0.0)
-        cut: dict[str, Any] = {} if time_limit is None else {"time_limit": time_limit}
+        cut: dict[str, Any] = {} if time_limit is None or stop.asked else {"time_limit": time_limit}
         for one in found.outcomes:
             try:
                 proved = _proved(problem, network, claim, one, search, cut if found.cut else {})
@@ -142,6 +142,9 @@ def searched(
                 refused = error
             else:
                 return replace(proved, others=starts_for_period(found, one, search))
+    stop.found = False
+    if stop.asked:
+        raise NothingYet("interrupted before any gains were certified; nothing was written")
     if not explain:
         raise refused
     tell("looking for what is in the way", 1.0)

@@ -211,7 +211,11 @@ class Agent:
         if self.split == "jacobian":
             lure, moves = linearised(lure)
         if not self.centre:
-            return lure, Centring(reason="it is turned off"), moves
+            return (
+                lure,
+                Centring(reason="[agent] centre is false, or [design] alpha is of phi as it is written"),
+                moves,
+            )
         lure, found = centred(lure, argument_box(lure.H, self.box))
         return lure, found, (*moves, *(Move(m.component, m.argument, m.amount) for m in found.moves))
 

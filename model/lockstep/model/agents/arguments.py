@@ -19,16 +19,12 @@ def arguments_text(agent: Agent) -> str:
 def units_text(scales: Iterable[Iterable[float]]) -> str:
     """Return the scales D_w and D_v with |D_w^-1 J D_v| <= alpha, for messages; nothing where they are ones.
 
-    >>> units_text([(0.5, 2.0), (1.0,)]), units_text([(1.0,), (1.0,)])
-    ('; phi in units of 0.5, 2', '')
+    >>> units_text([(0.5, 2.0), (1.0,)]), units_text([(1.0,), (11.0,)]), units_text([(1.0,), (1.0,)])
+    ('; phi in units of 0.5, 2', '; v in units of 11', '')
     """
-    numbers = [", ".join(f"{d:.3g}" for d in one) for one in scales]
-    said = [
-        f"; {name} in units of {of}"
-        for name, of in zip(("phi", "v"), numbers, strict=False)
-        if of.strip("1, ")
-    ]
-    return "".join(said)
+    named = {name: list(one) for name, one in zip(("phi", "v"), scales, strict=False)}
+    numbers = {name: ", ".join(f"{d:.3g}" for d in one) for name, one in named.items() if {*one} != {1.0}}
+    return "".join(f"; {name} in units of {of}" for name, of in numbers.items())
 
 
 def argument_texts(agent: Agent) -> list[str]:

@@ -61,13 +61,11 @@ def _atoms(
 ) -> list[Node]:
     """Return the first bounded nodes on the way up from an unbounded variable."""
     found: list[Node] = []
-    open_nodes = set[Node]()
+    opened = set[Node]()
     for node in order(outputs):
-        reaches = any(a in open_nodes for a in node.args) or (
-            node.op == "variable" and node.data in unbounded
-        )
+        reaches = any(a in opened for a in node.args) or (node.op == "variable" and node.data in unbounded)
         if reaches and all(np.isfinite(ranges[node])) and node.op not in ("positive", "not", "and"):
             found.append(node)
         elif reaches:
-            open_nodes.add(node)
+            opened.add(node)
     return found
