@@ -78,7 +78,7 @@ def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
 
         def take(number: int, frame: FrameType | None) -> None:
             if stop.take():
-                say("ending here; the best gains so far, if any, are proved and kept (Ctrl-C again: none)")
+                say("ending the search; the best gains so far are proved and kept, if any (again: none is)")
             else:
                 before(number, frame)
 
