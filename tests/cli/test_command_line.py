@@ -140,7 +140,8 @@ def has_workers(group: int) -> bool:
     return False
 
 
-LINE = r"lockstep: ((attempt \d+ of at most \d+( \([^)]*\))?: )?[^:]+, \d+ s(, (about \d.* left|soon))?|ending the search; .*)"
+ATTEMPT = r"(attempt \d+ of at most \d+( \([^)]*\))?: )?"
+LINE = rf"lockstep: ({ATTEMPT}[^:]+, \d+ s(, (about \d.* left|soon))?|ending the search; .*)"
 """What is said on the way: progress, and that a first interrupt ends the search."""
 
 
