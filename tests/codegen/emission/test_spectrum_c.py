@@ -51,9 +51,7 @@ def copied(generated, place, changes):
 def test_every_claim_is_decided_by_the_numbers_in_the_c(generated):
     found = certify(generated / "carts")
     assert found.proved and {"code", "sampled", "sampled_rho"} <= set(found.verdicts)
-    assert (
-        "a graph with its spectrum, of in-degree 4 at most, a list holding 4" in found.verdicts["code"].reason
-    )
+    assert "a graph with its spectrum, in-degree 4 at most, a list holding 4" in found.verdicts["code"].reason
     assert lockstep.certify(generated / "carts").ok
     image = json.loads((generated / "carts" / "manifest.json").read_text())["image"]
     assert (image["agents"], image["max_neighbours"]) == (1, 4)

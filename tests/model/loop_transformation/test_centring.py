@@ -102,7 +102,10 @@ def test_the_arms_stay_as_the_paper_writes_them() -> None:
 
 def test_it_can_be_turned_off() -> None:
     agent = cart("-tanh(v)", centre=False)
-    assert (agent.lure.A[1, 1], agent.centring.reason) == (0.0, "it is turned off")
+    assert (agent.lure.A[1, 1], agent.centring.reason) == (
+        0.0,
+        "[agent] centre is false, or [design] alpha is of phi as it is written",
+    )
 
 
 @pytest.mark.parametrize(("line", "entry"), [("", -0.5), ("centre = true", -0.5), ("centre = false", 0.0)])
