@@ -3,12 +3,14 @@
 import json
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import lockstep
+import lockstep.lmi.design as lmi_design
 from lockstep.cli.design import proved_besides
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.main import app
@@ -113,6 +115,23 @@ def test_where_no_floor_is_proved_larger_gains_are_tried_too(small, made, monkey
     assert any(what.startswith("attempt 2 of at most") and " (rho was " in what for what in told)
     assert found.certified
     assert "none was proved" in proved_besides(found.document())["lower bound"]
+
+
+def test_an_interrupt_that_nobody_takes_ends_a_later_attempt(monkeypatch):
+    """Without a `Stop` of the caller's, Ctrl-C is as everywhere; with one, what the first attempt found is kept."""
+    problem, found = lockstep.Problem.parse(SMALL), lmi_design.design(lockstep.Problem.parse(SMALL), jobs=1)
+    given = iter([replace(found, floor=None), KeyboardInterrupt()] * 2)
+
+    def proposed(*_):
+        if isinstance(one := next(given), KeyboardInterrupt):
+            raise one
+        return one
+
+    monkeypatch.setattr(lmi_design, "_proposed", proposed)
+    with pytest.raises(KeyboardInterrupt):
+        lmi_design.design(problem, jobs=1)
+    with Stop.ready() as stop:
+        assert lmi_design.design(problem, jobs=1, stop=stop).figures["interrupted"] is True
 
 
 @pytest.mark.slow

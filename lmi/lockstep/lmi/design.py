@@ -87,8 +87,9 @@ def _designed(
 
         try:
             found = _proposed(wish.problem, bound, Attempt(jobs, counted, left, stop, last))
-        except KeyboardInterrupt as error:  # a second interrupt keeps nothing
-            if best is None or (stop.asked and not isinstance(error, NothingYet)):
+        except KeyboardInterrupt as error:  # a second one keeps nothing, nor does one that nobody is to take
+            taken = isinstance(error, NothingYet) or (stop.flag and not stop.asked)
+            if best is None or not taken:
                 raise
             stop.asked = True
             break
