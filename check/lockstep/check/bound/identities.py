@@ -24,7 +24,7 @@ def split_cases(value: Node) -> Node:
     for condition in shared if len(shared) <= MOST_CASES else []:
         with suppress(
             Undefined
-        ):  # a case that has no value, which its range rules out, is left among the others
+        ):  # a case without a value, such as 1/0 where it never holds, is not split off
             yes, no = (substitute([value], {condition: truth})[0] for truth in (TRUE, FALSE))
             value = choose(condition, yes, no)
     return value

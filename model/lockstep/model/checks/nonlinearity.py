@@ -122,9 +122,7 @@ def numbers(agent: Agent) -> CheckRow:
 
 def centring(agent: Agent) -> CheckRow:
     """What was moved from phi into A so that the slopes of phi lie around zero."""
-    reason = (
-        "alpha is half the range of the slopes if they lie around zero, and up to the whole range if not;"
-    )
+    reason = "alpha is half the range of the slopes if they lie around zero, and up to all of it if not;"
     reason += " [agent] centre = false leaves A as written"
     name = "loop transformation"
     if not agent.centring.moves:
