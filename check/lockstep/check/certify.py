@@ -54,7 +54,10 @@ from lockstep.check.system.domain import claimed_box
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
 
-DESIGN_NAME, FLAT = "design.json", 1e-6
+DESIGN_NAME = "design.json"
+FLAT = 1e-6
+"""Of alpha: a slope of phi at 0 that counts as none."""
+
 Verdicts = Iterator[tuple[str, Verdict]]
 
 

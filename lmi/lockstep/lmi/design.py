@@ -109,9 +109,8 @@ def _designed(
         elif best is not None:
             break
         times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
-        far = (
-            times > near if best.floor else best.network.spectrum is None
-        )  # of many graphs there is no floor
+        # Of many graphs there is no floor.
+        far = times > near if best.floor else best.network.spectrum is None
         before.append(wish.with_limit(f"rho was {times:.3g}{' floors' * bool(best.floor)}"))
         over = stop.asked or (deadline is not None and time.monotonic() >= deadline)
         if over or not far or eliminates_P(best.network.loop(problem.order)):

@@ -114,7 +114,7 @@ def unavailable(network: ExactNetwork, certificate: Certificate | ModalCertifica
     if len(roots) != 1:
         return (
             f"agents {', '.join(map(str, roots[:8]))} hear each other, and what they do together, which their disagreement "
-            "drives, is in no certificate; a single leader's is"
+            "drives, is in no certificate; with a single leader it is"
         )
     modal = isinstance(certificate, ModalCertificate)
     return "a modal certificate has no one P for the whole network" if modal else None

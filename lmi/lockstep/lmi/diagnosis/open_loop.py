@@ -52,9 +52,8 @@ def part_of_states(gains: Gains) -> float | None:
     for A, B, C, D in zip(gains.A, gains.B, gains.C, gains.D, strict=True):
         try:
             poles = np.abs(np.linalg.eigvals(A))
-            with np.errstate(
-                all="ignore"
-            ):  # entries of 1e300 are numbers: what is not known to be small is not
+            # Entries of 1e300 are numbers, too: what is not known to be small is not.
+            with np.errstate(all="ignore"):
                 for w in (0.0, *poles, *(poles / 10), *(poles * 10)):
                     moved = np.abs(
                         C @ np.linalg.solve((1j * w + 1e-9 * (1 + np.linalg.norm(A))) * eye - A, B)
