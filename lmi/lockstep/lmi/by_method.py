@@ -21,8 +21,8 @@ from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.defaults import MUCH, VERY_FAR
-from lockstep.lmi.diagnosis.open_loop import decay_alone, rho_alone
-from lockstep.lmi.guarantees import abscissa
+from lockstep.lmi.diagnosis.open_loop import rho_alone
+from lockstep.lmi.guarantees import abscissa, decay_alone
 from lockstep.lmi.proposal import Posed, Proposal, given_gains
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.model.control.static_response import static_response

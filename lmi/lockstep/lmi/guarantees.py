@@ -6,7 +6,7 @@ V' < -2 sigma V. Of sigma = 0 the certificate of rho is one; -abscissa of A_cl i
 """
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,6 +93,19 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
         with contextlib.suppress(NotCertified):
             return decay, proved_decay(network, gains, claim, decay, modal=modal)
     return None
+
+
+def decay_alone(network: Network, claim: Claim) -> float | None:
+    """Return the fastest decay of every disagreement that is proved for u = 0, in 1/s; None where none is.
+
+    Args:
+        network: the agents and their graph.
+        claim: alpha; the gains' errors and what rho weighs mean nothing here.
+    """
+    m, q = network.plant.B[0].shape[1], len(network.plant.C)
+    gains, plain = Gains.from_blocks(np.zeros((network.N, m, q)), 0), np.zeros((0, 0))
+    found = fastest_decay(network, gains, replace(claim, Q=plain, delta=0 * claim.delta), modal=False)
+    return None if found is None else found[0]
 
 
 def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:

@@ -8,7 +8,6 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.unit_scaling import scaled
-from lockstep.lmi.guarantees import fastest_decay
 from lockstep.model.network import Network
 
 
@@ -26,18 +25,6 @@ def rho_alone(network: Network, claim: Claim) -> float | None:
         return None
     found = least_rho(loop, K, scaled_claim)
     return None if found is None else units.rho * found.rho
-
-
-def decay_alone(network: Network, claim: Claim) -> float | None:
-    """Return the fastest decay of every disagreement that is proved for u = 0, in 1/s; None where none is.
-
-    Args:
-        network, claim: as of `rho_alone`.
-    """
-    m, q = network.plant.B[0].shape[1], len(network.plant.C)
-    gains, plain = Gains.from_blocks(np.zeros((network.N, m, q)), 0), np.zeros((0, 0))
-    found = fastest_decay(network, gains, replace(claim, Q=plain, delta=0 * claim.delta), modal=False)
-    return None if found is None else found[0]
 
 
 def part_of_states(gains: Gains) -> float | None:
