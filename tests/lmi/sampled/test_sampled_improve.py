@@ -9,6 +9,7 @@ from sampled_cases import brute_force_radius, controllers, network
 from lockstep.check.continuous.inequality import Performance
 from lockstep.lmi.analysis.gain_limit import limit_barrier
 from lockstep.lmi.sampled import certify_sampled, sampled_rho
+from lockstep.lmi.sampled.l2_gain import least_rho
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.synthesis.descent import ITERATIONS, STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.gains_for_period import (
@@ -259,3 +260,34 @@ def test_tustin_is_the_one_of_the_layer_that_prints():
     np.testing.assert_allclose(tustin(block, 2, 0.3)[0], exact, rtol=1e-13, atol=1e-15)
     across = (tustin(block + 1e-6 * step, 2, 0.3) - tustin(block - 1e-6 * step, 2, 0.3)) / 2e-6
     assert (pulled_back(block, slope, 2, 0.3) * step).sum() == pytest.approx((slope * across).sum(), rel=1e-7)
+
+
+FOLLOWS = [(2, 1, 1.0)]
+LOCKED = Performance(np.eye(2), np.zeros((0, 0)))
+
+
+def locked(gain=-4.22):
+    """A phase-locked loop, x' = v, v' = -0.92 v - phi + u, that follows another with a gain that its period nearly breaks."""
+    net = network(
+        [[0.0, 1.0], [0.0, -0.92]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]], FOLLOWS,
+        N=2, alpha=1.164, period=0.131,
+    )  # fmt: skip
+    return AtPeriod(net, FOLLOWS, LOCKED, 0, 9.0), np.array([[[0.0]], [[gain]]])
+
+
+def test_weights_in_a_scale_that_is_another_loops_are_taken_to_their_own():
+    """Over a scan of one weight the least rho is 39.4, at 18; at 200 it is 99."""
+    at, gain = locked()
+    ones = controllers(tustin(gain, 0, at.network.period), 0, FOLLOWS)
+    loop = in_doubles(at.network, ones)
+    scan = [least_rho(loop, LOCKED, np.array([m])) for m in np.geomspace(5, 500, 41)]
+    assert sampled_rho(at.network, ones, LOCKED, np.array([200.0])).rho < 1.15 * min(r for r in scan if r)
+
+
+@pytest.mark.parametrize("weight", [0.01, 0.3, 5.0])
+def test_a_descent_starts_from_weights_that_hold_nothing(weight):
+    """Below 5.6 no rho is held at all. What each power of the mean leads to may hold nothing for the next, a larger one."""
+    at, gain = locked()
+    assert measured(at, gain, np.array([weight]), scales=(1.0,)) is None
+    least = min(measured(locked(D)[0], locked(D)[1], np.array([16.0])).rho for D in (-4.22, -4.0, -3.7))
+    assert improved(at, [StartingGains(gain, np.array([weight]), 20.0)]).rho < 1.1 * least

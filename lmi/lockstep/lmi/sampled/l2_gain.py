@@ -5,7 +5,7 @@ What rho means, and what decides it, is in `lockstep.check.sampled.l2_gain`.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +33,12 @@ from lockstep.lmi.shapes import PairWeights, Vector
 
 SCALES = range(-6, 7)
 """Powers of ten that pair weights are tried with where only their ratios are known."""
+
+MULTIPLES = (1.0, 0.1, 10.0, 100.0)
+"""Of pair weights in a scale that is another loop's: the least for the continuous loop may hardly hold the sampled one."""
+
+KEPT = 0.98
+"""The part of a rho that another multiple of its weights is to be below, to be worth it."""
 
 STEP, TRIALS = 0.5, 240
 """Of the logarithms of weights, the first of a search without slopes, and how many rho it looks at: of four agents in 4 s."""
@@ -205,6 +211,25 @@ def least_rho(
     return float(10**high)
 
 
+def least_in_scales(
+    loop: SampledLoop,
+    weights: Performance,
+    m: PairWeights,
+    scales: Sequence[float],
+    *,
+    resolution: float = RESOLUTION,
+    kept: float = 1.0,
+) -> tuple[float, PairWeights] | None:
+    """Return the least rho over multiples of pair weights, and that multiple; one that keeps more of the rho of those before
+    than `kept` is passed over."""
+    best: tuple[float, PairWeights] | None = None
+    for scale in scales:
+        between = None if best is None else (LEAST, max(LEAST, kept * best[0]))
+        rho = least_rho(loop, weights, scale * m, between, resolution=resolution)
+        best = best if rho is None else (rho, scale * m)
+    return best
+
+
 def _pair_weights(
     loop: SampledLoop, weights: Performance, guess: PairWeights | None
 ) -> Iterator[PairWeights]:
@@ -216,7 +241,8 @@ def _pair_weights(
     """
     known = first_guess(loop.network.d, guess)
     lowered = None if loop.network.sector is None else _lowered(loop, weights, known)
-    yield from (m for m in (lowered, guess if guess is None else known) if m is not None)
+    multiple = None if guess is None else least_in_scales(loop, weights, known, MULTIPLES, kept=KEPT)
+    yield from (m for m in (lowered, multiple and multiple[1]) if m is not None)
     one = period_in_doubles(loop)
     stable = None if one is None else best_multiplier(loop, one, known)[0]
     for m in (stable, known if lowered is None else None):

@@ -12,7 +12,7 @@ the power mean at a large rho. What comes back is a proposal.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,9 @@ FIRST = 0.95
 
 RECOVERIES, FEW = 12, 15
 """At most so many short descents to bring a start back, and the iterations of each."""
+
+LOG_SCALES = np.log([1.0, 0.1, 10.0, 100.0])
+"""Of a multiplier with which a start is not brought back: it is that of another loop, which needs less of w or of z."""
 
 LARGE_RHO = 1e3
 """Times the largest rho of the continuous loop: where the response around phi alone counts."""
@@ -98,8 +101,12 @@ class Descent:
         found = self._recovered(DescentPoint(within_limit, point.logs, point.logs_c))
         if found is None:
             return
-        for p, weight in STAGES:
-            found = self._descended(found, _Root(self, found, p).slopes, weight, ITERATIONS)
+        for stage in STAGES:
+            if _Root(self, found, stage.p).slopes(found) is None:
+                found = self._recovered(found, stage)
+            if found is None:
+                return
+            found = self._descended(found, _Root(self, found, stage.p).slopes, stage.weight, ITERATIONS)
             yield found
 
     def lowered(self, start: DescentPoint, stage: Stage, iterations: int) -> DescentPoint | None:
@@ -123,6 +130,9 @@ class Descent:
             here = mean(point)
             if here is None or here.value < BACK:
                 return None if here is None else point
+            scaled = [replace(point, logs=point.logs + scale) for scale in LOG_SCALES]
+            found = [(at.value, k) for k, one in enumerate(scaled) if (at := mean(one)) is not None]
+            point = scaled[min(found)[1]]
             point = self._descended(point, mean, first.weight, FEW)
         return None
 

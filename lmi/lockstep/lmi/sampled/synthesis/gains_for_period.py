@@ -20,7 +20,7 @@ from lockstep.check.sampled.controller import PRECISIONS, HeldController, Sample
 from lockstep.check.sampled.sector import Sector
 from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.unit_scaling import Units, plant_in_units
-from lockstep.lmi.sampled.l2_gain import least_rho
+from lockstep.lmi.sampled.l2_gain import least_in_scales
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
@@ -113,10 +113,8 @@ def measured(
         loop = in_doubles(at.network, controllers, at.weights.outputs)
     except np.linalg.LinAlgError:
         return None
-    weights = usable(m, len(at.network.d.pairs()))
-    found = [(least_rho(loop, at.weights, scale * weights), scale) for scale in scales]
-    rho, scale = min(((rho, scale) for rho, scale in found if rho is not None), default=(None, 1.0))
-    return None if rho is None else SampledCandidate(K, scale * weights, rho)
+    found = least_in_scales(loop, at.weights, usable(m, len(at.network.d.pairs())), scales)
+    return None if found is None else SampledCandidate(K, found[1], found[0])
 
 
 def improved(

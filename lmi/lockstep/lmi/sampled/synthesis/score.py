@@ -11,7 +11,7 @@ from lockstep.check.sampled.controller import PRECISIONS, HeldController, Sample
 from lockstep.check.sampled.sector import common_sector
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import split
-from lockstep.lmi.sampled.l2_gain import least_rho
+from lockstep.lmi.sampled.l2_gain import KEPT, least_in_scales
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
 from lockstep.lmi.sampled.synthesis.gains_for_period import usable
 from lockstep.lmi.sampled.synthesis.tustin import tustin
@@ -94,8 +94,8 @@ class SampledScore:
             network = replace(network, sector=sector)
         loop, of_rho = in_doubles(network, controllers, self.claim.outputs), self.claim.performance
         m = usable(m, len(self.loop.d.pairs()))
-        found = (least_rho(loop, of_rho, scale * m, resolution=RESOLUTION) for scale in SCALES)
-        return next((rho for rho in found if rho is not None), None)
+        found = least_in_scales(loop, of_rho, m, SCALES, resolution=RESOLUTION, kept=KEPT)
+        return None if found is None else found[0]
 
 
 def held_table(
