@@ -288,19 +288,31 @@ def test_a_pair_that_a_small_part_of_itself_would_lose_is_a_note() -> None:
 
 
 def test_no_committed_problem_that_is_well_is_near_losing_a_mode() -> None:
-    root, known = EXAMPLES.parent, {"hoists", "junctions"}
+    root = EXAMPLES.parent
     fields = (root / "codegen" / "lockstep" / "workflow" / "fields").glob("*.toml")
-    least = {}
+    seen = 0
     for path in (*EXAMPLES.glob("*.toml"), *fields, *(root / "benchmarks" / "designs").glob("*.toml")):
         posed = load_problem(path)
-        pairs = (
-            linear_part.controllable(posed.agent(), posed.agents_B()),
-            linear_part.observable(posed.agent()),
+        inputs, outputs = (
+            linear_part.controllable(posed.agent(), posed.agents_B())[0],
+            linear_part.observable(posed.agent())[0],
         )
-        least[path.stem] = min(pair.relative_margin for _, pair in pairs)
-    assert len(least) > 50
-    assert {name for name, margin in least.items() if margin < 1e-3} == known
-    assert {name for name, margin in least.items() if margin < linear_part.NEARLY_LOST} == {"hoists"}
+        assert "a slip in a unit?" not in inputs.figure + outputs.figure, path.stem
+        seen += 1
+    assert seen > 50
+
+
+def test_a_fast_plant_in_si_units_is_far_from_losing_a_mode() -> None:
+    """x' = v, v' = -1.2e5 v + u: in units of 8 us the numbers are 1 and 1."""
+    fast = Agent.from_expressions(
+        "loop",
+        states=["x", "v"],
+        inputs=["u"],
+        outputs={"x": "x"},
+        dynamics={"x": "v", "v": "-1.2e5*v + u"},
+    )
+    assert linear_part.controllable(fast, [fast.lure.B])[0].verdict == "ok"
+    assert linear_part.observable(fast)[0].verdict == "ok"
 
 
 def test_row_sums_are_reported_as_they_are() -> None:
