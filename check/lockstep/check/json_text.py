@@ -18,7 +18,9 @@ T = TypeVar("T")
 Reader = Callable[[Any, str], Any]
 """From a value of JSON and its place to what it says, or a `ProblemError` that names the place."""
 
-A_DESIGN = "a file written by `lockstep design`, which takes the problem file"
+A_DESIGN = (
+    "a file written by `lockstep design`, which takes the problem file, or a folder by `lockstep build`"
+)
 
 
 def load_json(path: Path) -> Any:

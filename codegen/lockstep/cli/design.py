@@ -1,6 +1,6 @@
 """`lockstep design`: gains and certificate."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from lockstep.cli.console import Answer, left_from_before, progress_display, rem
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 from lockstep.model.agents.arguments import units_text
+from lockstep.model.plain_json import values_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
@@ -77,22 +78,11 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     sizes = {"weights.input": weights["input"], "noise": disturbances.get("outputs")}
     if isinstance(weights["state"], list):
         sizes |= {"weights.state": weights["state"], "disturbances": disturbances.get("states")}
-    listed = "".join(f", {key} {_numbers(value)}" for key, value in sizes.items() if value)
+    listed = "".join(f", {key} {values_text(value)}" for key, value in sizes.items() if value)
     units = {key: value for key, value in asked.get("gain_units", {}).items() if value}
-    meant = "".join(f" {key} {_numbers(value)}" for key, value in units.items())
+    meant = "".join(f" {key} {values_text(value)}" for key, value in units.items())
     said = f"gains up to {asked['gain_limit']:g}{' in units of' * bool(meant)}{meant}{listed}"
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
-
-
-def _numbers(value: Any) -> str:
-    """Return a number, or a list or table of them, for people.
-
-    >>> _numbers({"y1": 0.003, "y2": 0.03}), _numbers([0.002]), _numbers(1.0)
-    ('y1 0.003 y2 0.03', '0.002', '1')
-    """
-    if isinstance(value, Mapping):
-        return " ".join(f"{name} {_numbers(one)}" for name, one in value.items())
-    return " ".join(map(_numbers, value)) if isinstance(value, Sequence) else f"{value:g}"
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:

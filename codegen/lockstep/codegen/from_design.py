@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import ROUND_FLOOR, Context
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, MessageLimits, Neighbour, Signal
+from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
@@ -225,7 +225,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
-        "alpha": _rounded_down(claims.alpha),
+        "alpha": float(below(claims.alpha, 9)),
         **delta,
         "decay": None
         if claims.decay is None
@@ -240,15 +240,6 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **said_of_formation(stored),
         **said_of_leader(stored),
     }
-
-
-def _rounded_down(value: float) -> float:
-    """Return four figures of a bound of which less is less: the last bits of a search say nothing.
-
-    >>> _rounded_down(0.8774999999999995), _rounded_down(3.33)
-    (0.8774, 3.33)
-    """
-    return float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal(repr(float(value))))
 
 
 def _limits(stored: Stored) -> dict[str, str | None]:

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context
 
+from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.document import sampled_answer
+from lockstep.lmi.initial_set import sampled_rate
 from lockstep.model.bound_search import slopes_of
 from lockstep.report.report_data import Facts
 
@@ -29,20 +30,11 @@ def terms_of(facts: Facts) -> list[DatasheetTerm]:
     return [*_continuous(facts), *_sampled(facts), *_gains(facts)]
 
 
-def up(value: float, digits: int) -> str:
-    """Return an upper bound in so many digits, rounded up: rounded down it would claim more than is proved.
-
-    >>> up(1137429.5, 2), up(3.449, 4), up(3.44901, 4)
-    ('1.2e+06', '3.449', '3.45')
-    """
-    return f"{float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(value))):.{digits}g}"
-
-
 def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
     claims, bound = facts.stored.claims, facts.checks.bound
     yield DatasheetTerm(
         "ρ",
-        "none" if claims.rho is None else up(claims.rho, 6),
+        "none" if claims.rho is None else above(claims.rho, 6),
         EXACT,
         "gain from the disagreement of the disturbances to the weighted disagreement of the states, continuous"
         " controllers",
@@ -66,7 +58,7 @@ def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
     for one, slope in zip(claims.entries, slopes, strict=True):
         yield DatasheetTerm(
             f"|∂φ{one.component + 1}/∂v{one.argument + 1}|",
-            up(slope, 9),
+            above(slope, 9),
             "proved, interval arithmetic",
             "bound of this slope of the nonlinearity, in the units of the file",
         )
@@ -86,7 +78,10 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
     sampled = facts.stored.claims.sampled
     if sampled.rho is not None:
         yield DatasheetTerm(
-            "ρ, sampled", up(sampled.rho, 6), BALL, "the same gain of the loop with the controllers that ship"
+            "ρ, sampled",
+            above(sampled.rho, 6),
+            BALL,
+            "the same gain of the loop with the controllers that ship",
         )
     if sampled.period is None or sampled.decay is None:
         reason = sampled_answer(facts.stored).get("reason")
@@ -99,16 +94,19 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
         yield DatasheetTerm(
             "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, discretised for it"
         )
+    if rate := sampled_rate(sampled.decay, sampled.period):
+        said = "every disagreement shrinks so at least in the long run, of the loop with the controllers that ship"
+        yield DatasheetTerm("convergence, sampled", f"{rate:g} 1/s", BALL, said)
     yield DatasheetTerm(
         "decay",
-        up(sampled.decay, 6),
+        above(sampled.decay, 6),
         BALL,
         "of the Lyapunov function from one sample to the next, up to the noise of rounded messages",
     )
     largest = {letter: max(one[letter] for one in sampled.rounding) for letter in "ABCD"}
     yield DatasheetTerm(
         "rounding",
-        ", ".join(f"{letter} {up(value, 2)}" for letter, value in largest.items()),
+        ", ".join(f"{letter} {above(value, 2)}" for letter, value in largest.items()),
         BALL,
         "every rounding of a step, as an error of the gains that the proof allows",
     )
@@ -120,7 +118,7 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
             continue
         yield DatasheetTerm(
             name,
-            f"{up(residual, 2)} e",
+            f"{above(residual, 2)} e",
             BALL,
             "distance from agreement at the sampling instants that may remain if messages are off by up to e; not tight",
         )

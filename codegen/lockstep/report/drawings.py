@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.simulation import Trajectory
 from lockstep.report import figures
-from lockstep.report.certificate_terms import up
 from lockstep.report.export import as_files, inline_svg
 from lockstep.report.poles import Spectrum, poles_figure, singular_values_figure
 from lockstep.report.report_data import Facts
@@ -137,7 +137,7 @@ def _spectrum(spectrum: Spectrum, agent: str, rho: float | None) -> Iterator[Dra
     )
     if spectrum.peak is not None:
         peak, at = spectrum.peak
-        line = f", below the certified rho of {up(rho, 4)}" if rho is not None and peak < rho else ""
+        line = f", below the certified rho of {above(rho, 4)}" if rho is not None and peak < rho else ""
         yield _drawing(
             "singular-values",
             singular_values_figure(spectrum, rho),

@@ -10,10 +10,12 @@ from markupsafe import Markup
 from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
+from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.document import answer
+from lockstep.model.plain_json import values_text
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
-from lockstep.report.certificate_terms import terms_of, up
+from lockstep.report.certificate_terms import terms_of
 from lockstep.report.drawings import Drawings
 from lockstep.report.poles import Spectrum
 from lockstep.report.report_data import Facts
@@ -50,6 +52,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         design=answer(facts.stored),
         sampled=facts.stored.claims.sampled,
         manifest=facts.manifest,
+        asked=list(_asked(facts)),
         guarantee=lines_of(facts.manifest.certificate),
         terms=terms_of(facts),
         checks=facts.checks.rows,
@@ -60,7 +63,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         equations=_equations(facts),
         outputs=_outputs(facts),
         symbol=formula.inline,
-        up=up,
+        above=above,
         run=_run(facts),
         uncovered=facts.uncovered,
         no_run=facts.no_run,
@@ -76,6 +79,22 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         unnamed=max(0, len(facts.manifest.agents) - MOST_AGENTS),
         files=files,
     )
+
+
+def _asked(facts: Facts) -> Iterator[tuple[str, str]]:
+    """Name and value of what the file asks for, or is asked for by default: [design], with its tables, and [agent.limits]."""
+    tables = facts.problem.document()
+    for key, value in tables["design"].items():
+        if key == "gains":
+            continue
+        parts = (
+            {f"{key}.{name}": one for name, one in value.items()} if isinstance(value, dict) else {key: value}
+        )
+        yield from ((name, values_text(one)) for name, one in parts.items() if one not in ({}, [], None))
+    if limits := tables["agent"].get("limits"):
+        yield "[agent.limits]", values_text(limits)
+    if given_up := facts.stored.info["figures"].get("defaults", {}).get("given_up"):
+        yield "by default, before that", given_up
 
 
 def _equations(facts: Facts) -> list[tuple[str, Markup, str]]:

@@ -16,9 +16,9 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.continuous.inequality import Claim, disturbance
 from lockstep.check.system.loop import Gains, Loop
+from lockstep.lmi.analysis.decimals import above
 from lockstep.model.network import Network
 from lockstep.report.canvas import legend, logarithmic, panels, rows_of
-from lockstep.report.certificate_terms import up
 from lockstep.report.style import LIGHT, MARKERS, colour, styled
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def poles_figure(spectrum: Spectrum, agent: str) -> "Figure":
 
 @styled
 def singular_values_figure(spectrum: Spectrum, rho: float | None) -> "Figure":
-    """Draw the singular values from w to z over frequency, with the certified rho as a line above them.
+    """Draw the singular values from disturbances to weighted disagreement over frequency, with the certified rho above them.
 
     Raises:
         ValueError: the loop was too large for singular values.
@@ -171,12 +171,12 @@ def singular_values_figure(spectrum: Spectrum, rho: float | None) -> "Figure":
         label = {0: "largest", 1: "the others"}.get(k, "")
         axes.loglog(spectrum.omega, values, color=colour(0), label=label, **look)
     if rho is not None:
-        axes.axhline(rho, color=colour(1), linestyle=(0, (5, 1.6)), label=f"certified rho = {up(rho, 4)}")
+        axes.axhline(rho, color=colour(1), linestyle=(0, (5, 1.6)), label=f"certified rho = {above(rho, 4)}")
     top = max(spectrum.sigma[:, 0].max(), rho or 0.0)
     axes.set_ylim(top * 1e-4, top * 2)
     axes.margins(x=0)
     axes.set_xlabel("frequency in rad/s")
-    axes.set_title("singular values from w to z")
+    axes.set_title("singular values, disturbances to weighted disagreement")
     logarithmic(axes.xaxis, axes.yaxis)
     legend(figure, axes, 3)
     return figure

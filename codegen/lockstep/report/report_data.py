@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.document import Stored
-from lockstep.lmi.initial_set import below
 from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
@@ -52,13 +52,16 @@ class Facts:
         if run is None:
             return (f"the report shows no run: {self.no_run}",) if self.no_run else ()
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
-        distances = run.disagreement()
+        distances, without, clipped = run.disagreement(), claims.sampled.radius, claims.sampled.clipped_radius
         start, end, inside = float(distances[0]), float(distances[-1]), claims.initial_set
         said = (
             (left, f"{left}; the certificate is for agents inside"),
             (run.clipped, f"{run.clipped} steps saturated an input, and rho is proved without saturation"),
-            (run.clipped, self._saturated_from(start)),
-            (run.clipped and end > start / 2, f"it ends {end:.3g} from agreement, and may never come to it"),
+            (run.clipped, self._saturated_from(start, without, clipped)),
+            (
+                run.clipped and end > max(start / 2, without or 0.0, clipped or 0.0),
+                f"it ends {end:.3g} from agreement, where nothing is proved: it may settle with a longer `horizon`, or never",
+            ),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
                 inside is not None and start > inside.radius,
@@ -68,15 +71,15 @@ class Facts:
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
 
-    def _saturated_from(self, start: float) -> str:
+    def _saturated_from(self, start: float, without: float | None, clipped: float | None) -> str:
         """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
-        sampled = self.stored.claims.sampled
-        without, clipped = sampled.radius, sampled.clipped_radius
+        slower = ", a lower `decay`" * bool(self.problem.design.decay)
+        static = ", `order = 0`" * bool(self.problem.order)
         return (
             f"it starts {start:.3g} from agreement; that no input saturates is proved"
             f" {f'up to {below(without)}' if without else 'for no distance'}"
             f"{f', that agents agree all the same up to {below(clipped)}' if clipped else ''}: smaller gains raise that"
-            " (`order = 0` where it is higher, a lower `gain_limit`)"
+            f" (a `gain_limit` below {self.problem.design.gain_limit:g}{slower}{static})"
         )
 
     @property

@@ -10,7 +10,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lockstep.lmi.initial_set import below, sampled_rate
+import numpy as np
+
+from lockstep.lmi.analysis.decimals import above, below
+from lockstep.lmi.initial_set import sampled_rate
 from lockstep.model.checks.plausibility import alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design_file import Design
@@ -100,6 +103,7 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         if found.verdict.scope == "global"
         else "while each stays in its domain"
     )
+    where += ", while no input meets its limit" * bool(list(_limits(design)))
     many = problem.spectrum
     said = ", on every connected undirected graph whose nonzero Laplacian eigenvalues are from {:g} to {:g}, switching"
     graphs = "" if many is None else f"{said.format(many.lower, many.upper)} among them"
@@ -211,7 +215,7 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "longest period",
             f"{longest:.4g} s",
-            f"The same gains, discretised for it, still agree: {longest / table.period:.3g} times the period asked for.",
+            f"The same gains, discretised for it, still agree: {below(longest / table.period, 3)} times the period.",
         )
     if sampled.get("rho") is not None:
         yield Statement(
@@ -221,14 +225,14 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         worst = max(max(one.values()) for one in sampled["rounding"])
         yield Statement(
             "rounding",
-            f"{worst:.2g}",
+            above(worst, 2),
             "Every rounding of a step counts as an error of the gains of up to this norm, and is covered.",
         )
     residual = sampled.get("residual_rms_per_message_error")
     if residual is not None:
         yield Statement(
             "ultimate bound",
-            f"{residual:.3g} e",
+            f"{above(residual, 2)} e",
             "Errors e of messages and readings keep the agents apart by at most this, in root mean square: a bound that is"
             f" not tight.{_mixed(found.design.problem, 'it says something where states are of size one')}",
         )
@@ -303,7 +307,10 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
     answer, problem = found.answer, found.design.problem
     claimed = found.verdict.failed
     if claimed is not None and (claimed != "sampled" or found.design.stored.claims.sampled.certified):
-        yield Statement(claimed, "refused", f"The file claims it and the checker refuses it: {found.reason}.")
+        said = f"The file claims it and the checker refuses it: {found.reason}"
+        if lost := claimed == "messages" and found.design.stored.claims.messages is None:
+            said = f"[network.messages] asks for it, and the file does not claim it: {answer['messages']['reason']}"
+        yield Statement(claimed, "not claimed" if lost else "refused", f"{said}.")
     if found.sampled.get("certified") is not True:
         yield Statement(
             "sampled controllers",
@@ -328,9 +335,9 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             " `gain_limit`), or states counted in units in which they are of size one, may change that.",
         )
     moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
-    yield Statement(
-        "where they agree", "", f"Which states the agents agree on: only that they are the same{moving}."
-    )
+    deaf = np.flatnonzero(problem.graph().in_degrees == 0)
+    where = f"that is up to agent {deaf[0] + 1}, which leads" if len(deaf) else "only that they are the same"
+    yield Statement("where they agree", "", f"Which states the agents agree on: {where}{moving}.")
     yield Statement(
         "the C",
         "compared",

@@ -114,9 +114,10 @@ def generated_files(
     from lockstep.codegen.exports import with_exports
     from lockstep.codegen.fixed_point import with_fixed, without_fixed
     from lockstep.codegen.from_design import BY_DEFAULT, specification
+    from lockstep.codegen.message_redesign import lacks_messages
     from lockstep.codegen.sampled_design import certify_files, prove_design, with_limits, with_sampled
     from lockstep.lmi.design_verdict import certify
-    from lockstep.lmi.document import with_bound_proof
+    from lockstep.lmi.document import messages_answer, with_bound_proof
 
     asked = options or BY_DEFAULT
     found = f"`--optimize` is {asked.optimize!r}"
@@ -137,6 +138,9 @@ def generated_files(
     claims = stored.claims.sampled
     if not (verdict.ok and claims.certified and claims.rho and claims.max_period):
         stored = with_limits(with_sampled(stored, prove_design(stored)), stored)
+    if lacks_messages(stored):
+        why = messages_answer(design.stored, certified=False)["messages"]["reason"]
+        raise NotCertified(f"no C is generated: [network.messages] asks for more than is proved: {why}")
     stored = with_fixed(stored) if "fixed" in exports else without_fixed(stored)
     stored = replace(stored, claims=replace(stored.claims, scope=verdict.scope))
     files = with_exports(emit(specification(stored, asked)), exports)

@@ -127,8 +127,10 @@ def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
     """Return how far an attempt without gains came, in a few words."""
     if "fraction" in figures:
         return f"{int(100 * figures['fraction']) / 100:g} of what is asked was carried"
-    loop = f"no loop decayed at {decay:g} 1/s" if decay else "no loop was as stable as is searched for"
-    return loop if figures.get("abscissa", -1.0) >= 0 else "not all that is asked was certified"
+    if figures.get("abscissa", -1.0) < 0:
+        return "not all that is asked was certified"
+    came = f", {figures['decay']:.2g} at most," * (figures.get("decay", 0.0) > 0)
+    return f"no loop decayed at {decay:g} 1/s{came}" if decay else "no loop was as stable as is searched for"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import dataclass
-from decimal import ROUND_FLOOR, Context
 from fractions import Fraction
 from typing import Annotated, Any
 
@@ -25,6 +24,7 @@ from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.numbers import Matrix, as_floats, as_fraction, exact, rounded_down
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.network import ExactNetwork
+from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.design_json import initial_set_document
 
 
@@ -144,11 +144,6 @@ def _root_below(square: Fraction) -> float:
     while Fraction(r) * Fraction(r) > square:
         r = math.nextafter(r, 0.0)
     return r
-
-
-def below(value: float) -> str:
-    """Return a number to four digits, not above itself."""
-    return f"{float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal_from_float(value)):.4g}"
 
 
 def sampled_rate(decay: float | None, period: float) -> float | None:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
 from typing import Any
 
@@ -25,3 +25,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def values_text(value: Any) -> str:
+    """Return a value, or a list or table of them, for people.
+
+    >>> values_text({"y1": 0.003, "y2": 3.0e-5}), values_text([0.002]), values_text(1.0), values_text(True)
+    ('y1 0.003 y2 3e-05', '0.002', '1', 'yes')
+    """
+    if isinstance(value, Mapping):
+        return " ".join(f"{name} {values_text(one)}" for name, one in value.items())
+    if isinstance(value, bool | str):
+        return value if isinstance(value, str) else "yes" if value else "no"
+    return " ".join(map(values_text, value)) if isinstance(value, Sequence) else f"{value:g}"

@@ -11,6 +11,7 @@ from cart import cart
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
 from lockstep.check.design_file.problem import ProblemTables
+from lockstep.check.errors import NotCertified
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import file_of
@@ -18,6 +19,8 @@ from lockstep.lmi.document import parse as stored_of
 from lockstep.lmi.search.stopping import Stop
 from lockstep.model.problem import Problem
 from lockstep.workflow.design_file import Design
+from lockstep.workflow.explain import explain
+from lockstep.workflow.generate import generated_files
 
 CARTS = (
     cart("f")
@@ -107,3 +110,16 @@ def test_gains_for_the_period_do_not_take_the_place_of_such_as_carry_the_message
 
 def without(stored):
     return replace(stored, claims=replace(stored.claims, messages=None))
+
+
+def test_what_is_asked_of_messages_and_not_proved_is_said_before_any_c(root):
+    """The reason, with the part that is carried, is the one that the search left in the file."""
+    document = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())
+    document["problem"]["network"]["messages"] = {"loss": 0.95}
+    document["info"]["messages"] = {"reason": "with 0.04 there is one"}
+    asked = Design.of(document, "design.json")
+    with pytest.raises(NotCertified, match=r"asks for more than is proved: with 0\.04 there is one"):
+        generated_files(asked)
+    told = {one.name: one for one in explain(asked).open}["messages"]
+    assert told.value == "not claimed"
+    assert told.meaning.endswith("the file does not claim it: with 0.04 there is one.")

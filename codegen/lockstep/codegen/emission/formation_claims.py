@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from lockstep.check.sampled.controller import PRECISIONS
+from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.document import Stored
 
 
@@ -50,7 +51,4 @@ def two_digits(value: float | None) -> str:
     """
     if value is None:
         return "an unclaimed number of"
-    if value <= 0 or not math.isfinite(value):
-        return f"{value:g}"
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit) * unit:.2g}"
+    return above(value, 2)

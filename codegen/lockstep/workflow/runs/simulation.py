@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.initial_set import below
+from lockstep.lmi.analysis.decimals import below
 from lockstep.model.html_table import html_table
 from lockstep.model.simulation.divergence import left_domain
 from lockstep.workflow.design_file import Design

@@ -76,5 +76,4 @@ class ProgressLines:
             return
         self._written, self._wrote = phase, now
         done = f", {self._part:.0%} done" if self._part > 0 else ""
-        left = self._left.text()
-        self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")
+        self._write(f"lockstep: {self._left.beside(f'{self._what}{done}, {now - self._began:.0f} s')}")

@@ -1,6 +1,7 @@
 """Numbers in short decimals: upwards, downwards, to the nearest, and the entries of P to common places."""
 
 import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +29,28 @@ def round_down(value: float, digits: int = 4) -> float:
     unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
     short = float(f"{math.floor(value / unit) * unit:.{digits}g}")
     return short if short <= value else float(f"{short - unit:.{digits}g}")
+
+
+def below(value: float, digits: int = 4) -> str:
+    """Return a lower bound, as decimals name it, in so many digits, rounded down: rounded up it would claim more.
+
+    >>> below(0.87749999), below(0.005506), below(float("inf"))
+    ('0.8774', '0.005506', 'inf')
+    """
+    return (
+        f"{float(Context(prec=digits, rounding=ROUND_FLOOR).create_decimal(repr(float(value)))):.{digits}g}"
+    )
+
+
+def above(value: float, digits: int = 4) -> str:
+    """Return an upper bound in so many digits, rounded up.
+
+    >>> above(1137429.5, 2), above(3.449), above(3.44901)
+    ('1.2e+06', '3.449', '3.45')
+    """
+    return (
+        f"{float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(float(value)))):.{digits}g}"
+    )
 
 
 def rounded_storage(P: Float[np.ndarray, "n n"], digits: int) -> Float[np.ndarray, "n n"]:

@@ -124,7 +124,7 @@ def searched(
             if found.cut and time_limit is not None:
                 raise _out_of_time(time_limit, claim, found)
             tell("estimating what is reachable", 1.0)
-            raise _nothing(problem, network, claim, found, explain=explain)
+            raise _nothing(problem, network, claim, found, held, explain=explain)
         stop.found = True
         tell("proving the certificate", 0.0)
         cut: dict[str, Any] = {} if time_limit is None or stop.asked else {"time_limit": time_limit}
@@ -343,15 +343,19 @@ def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfT
 
 
 def _nothing(
-    problem: Problem, network: Network, claim: Claim, found: SearchResult, *, explain: bool
+    problem: Problem, network: Network, claim: Claim, found: SearchResult, held: float, *, explain: bool
 ) -> Infeasible:
-    """Say what stands in the way, and what to relax."""
+    """Say what stands in the way, and what to relax; held: the decay that was searched with."""
     table = problem.design
     asked = f"order {problem.order}, gain_limit {table.gain_limit:g}, {table.starts} starts"
     asked += ", each controller stable by itself" if table.stable_controllers else ""
     asked += f", decay {table.decay:g} 1/s" if table.decay else ""
     if not explain:
-        came = {"fraction": found.nearest.certified} if found.nearest else {"abscissa": found.abscissa}
+        came = (
+            {"fraction": found.nearest.certified}
+            if found.nearest
+            else {"abscissa": found.abscissa, "decay": held - found.abscissa}
+        )
         return Infeasible(f"no gains were found ({asked})", **came)
     if found.nearest is None:
         return _nothing_at_all(problem, network, asked, claim, found.abscissa)

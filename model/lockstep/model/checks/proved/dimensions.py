@@ -122,13 +122,16 @@ def _check(
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"
-        elif found.powers is not None and _known(combined(found.powers, asked, -1)):
-            raise ProblemError(
-                f"the term `{term}` has the dimension {shown(found.powers)}",
-                where=where,
-                expected=f"{shown(asked)}, that of {of}",
-                remedy=REMEDY,
-            )
+        elif found.powers is not None and (off := _known(combined(found.powers, asked, -1))):
+            said = f"the term `{term}` has the dimension {shown(found.powers)}"
+            expected = f"{shown(asked)}, that of {of}"
+            if off.keys() == {"10"}:
+                times = f"is {10 ** off['10']:.6g} times that of {of}, and numbers are not converted"
+                said, expected = (
+                    f"the unit of the term `{term}` {times}",
+                    'one system: 0.003 "s" for 3 "ms"',
+                )
+            raise ProblemError(said, where=where, expected=expected, remedy=REMEDY)
 
 
 def _terms(text: str) -> Iterator[str]:
@@ -174,9 +177,7 @@ class _Dimensions:
         if operation in ("mul", "div"):
             return _multiplied(*values, sign=1 if operation == "mul" else -1)
         if operation == "sqrt":
-            return Quantity(
-                None if values[0].powers is None else {k: p / 2 for k, p in values[0].powers.items()}
-            )
+            return _power(values[0], Quantity({}, 0.5))
         if operation == "pow":
             return _power(*values)
         if operation == "sign":

@@ -173,7 +173,7 @@ class NetworkTable(ProblemTable):
         le=MOST_NEIGHBOURS,
     )
     leader: dict[str, Interval] | None = _optional(
-        "[lower, upper] by state of [agent.domain], as two numbers inside its own"
+        "[lower, upper] by state of [agent.domain], as two numbers inside its own; who hears nobody leads"
     )
     parameters: Many[dict[str, float]] | None = _optional(
         "one table of finite numbers per agent, such as [{ k = 1.0 }, {}]"
