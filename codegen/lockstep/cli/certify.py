@@ -34,7 +34,7 @@ def _table(found: "DesignVerdict") -> RenderableType:
     rows = {"certified": "yes" if found.ok else "NO", "because": found.reason}
     if found.design.rho is not None:
         rows["rho"] = f"{found.design.rho:.6g}"
-    rows["alpha"] = f"{found.design.alpha:.9g}"
+    rows["alpha"] = found.design.alpha_text
     rows |= proved_besides(found.design.document(), verdict.proves)
     rows["covers"] = COVERS.get(verdict.scope or "", "nothing")
     if "initial_set" in found.answer:

@@ -10,6 +10,7 @@ from lockstep.check.certify import DESIGN_NAME as DESIGN_NAME
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.json_text import A_DESIGN, parse_json
 from lockstep.lmi.document import Stored, answer, parse, read, sampled_answer
+from lockstep.model.agents.arguments import units_text
 from lockstep.model.html_table import html_table
 from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
@@ -103,6 +104,11 @@ class Design(Analysis):
         return self.stored.claims.alpha
 
     @property
+    def alpha_text(self) -> str:
+        """The same as text, with the units in which phi and v count."""
+        return f"{self.alpha:.9g}{units_text(self.stored.claims.scales or ())}"
+
+    @property
     def floor(self) -> float | None:
         """A rho below which no controllers can be certified, as claimed; None: nothing is claimed."""
         return self.stored.claims.floor
@@ -162,7 +168,7 @@ class Design(Analysis):
         return {
             "certified": claimed if self.certified else "no",
             "rho": "none" if self.rho is None else f"{self.rho:.6g}",
-            "alpha": f"{self.alpha:.9g}",
+            "alpha": self.alpha_text,
             "controllers": f"{self.gains.N} of order {self.gains.order}",
             "sampled": f"{held}: {claimed}" if sampled.get("certified") is True else "not certified",
         }

@@ -48,6 +48,9 @@ after one period."""
 FORGOTTEN = 100
 """Periods within which a controller that is to be stable by itself forgets all but 1/e of its state."""
 
+NEARLY_ALL = 0.995
+"""Of alpha: printed in three digits it would be all of it."""
+
 REACHED = 0.5
 """Of the limit of A: the fastest that all eigenvalues of an A within it are asked to be."""
 
@@ -395,9 +398,10 @@ def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nea
         part = largest_fraction(network.loop(problem.order), nearest.point.K, claim, nearest.certified)
     said, why = hint(problem, network, claim)
     delta = " and delta" if claim.delta.any() else ""
+    reached = "nearly all" if part > NEARLY_ALL else f"{part:.3g}"
     relax = said or "; lower alpha (a smaller domain, centred slopes), or raise order, gain_limit or starts"
     return Infeasible(
-        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {part:.3g} of it{delta} was reached:"
+        f"no gains were found ({asked}) that carry alpha = {claim.alpha:.6g}; {reached} of it{delta} was reached:"
         f" alpha = {part * claim.alpha:.6g}{relax}",
         **{"alpha": claim.alpha, "fraction": part, "reachable_alpha": part * claim.alpha}
         | {"reachable_delta": (part * claim.delta[0]).tolist()}
