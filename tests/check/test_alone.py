@@ -1,6 +1,7 @@
 """The checker stands alone: the standard library, numpy, flint and itself, imports within functions and for types counted."""
 
 import ast
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,3 +59,13 @@ def test_what_is_not_allowed_is_seen():
         )
         == set()
     )
+
+
+def test_a_reader_that_has_had_enough_changes_no_verdict(root):
+    """`lockstep-check DIR | head -1`: the pipe is closed before anything is written."""
+    command = [sys.executable, "-m", "lockstep.check", str(root / "generated" / "flexible_joint_arms")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        assert run.stdout is not None and run.stderr is not None
+        run.stdout.close()
+        assert run.stderr.read() == b""
+    assert run.returncode == 0

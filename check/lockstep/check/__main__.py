@@ -5,11 +5,13 @@ Exit status 0: every claim is proved; 1: one is not; 2: the input is bad, and on
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from lockstep.check.certify import certify
+from lockstep.check.certify import Certified, certify
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import visible
 
@@ -27,15 +29,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if asked.json:
             print(json.dumps({"certified": False, "error": {"kind": "ProblemError", "message": str(error)}}))
         return 2
-    if asked.json:
-        print(json.dumps(found.document(), indent=1))
-    else:
-        print(visible(found.title).replace("\n", "\\n"))
-        width = max(map(len, found.verdicts))
-        for name, verdict in found.verdicts.items():
-            print(f"{name:{width}} {verdict.status:10} {visible(verdict.reason)}")
-        print("certified" if found.proved else "NOT certified")
+    with suppress(BrokenPipeError):
+        _print(found, as_json=asked.json)
+        sys.stdout.flush()
+        return 0 if found.proved else 1
+    # Whoever read has had enough; what is left in the buffer has to go somewhere.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if found.proved else 1
+
+
+def _print(found: Certified, *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(found.document(), indent=1))
+        return
+    print(visible(found.title).replace("\n", "\\n"))
+    width = max(map(len, found.verdicts))
+    for name, verdict in found.verdicts.items():
+        print(f"{name:{width}} {verdict.status:10} {visible(verdict.reason)}")
+    print("certified" if found.proved else "NOT certified")
 
 
 if __name__ == "__main__":
