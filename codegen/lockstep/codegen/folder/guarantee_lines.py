@@ -8,7 +8,8 @@ from lockstep.codegen.emission.emit import claims
 
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "Ultimate bound"}
 LINES |= {"where": "Consensus trajectory", "messages": "Messages", "formation": "Formation"}
-LINES |= {"leader": "Leader", "decay": "Convergence", "controllers": "Controllers", "limits": "No saturation"}
+LINES |= {"leader": "Leader", "decay": "Convergence", "decay_sampled": "Convergence, sampled"}
+LINES |= {"controllers": "Controllers", "limits": "No saturation"}
 LINES |= {
     "disturbances": "Disturbances",
     "limits_gain": "No saturation, disturbed",
