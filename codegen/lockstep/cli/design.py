@@ -10,7 +10,7 @@ from lockstep.cli.console import Answer, left_from_before, progress_display, rem
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 from lockstep.model.agents.arguments import units_text
-from lockstep.model.plain_json import values_text
+from lockstep.model.plain_json import toml_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
@@ -74,15 +74,16 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     asked = figures.get("defaults")
     if not asked:
         return {}
-    weights, disturbances = asked["weights"], asked["disturbances"]
-    sizes = {"weights.input": weights["input"], "noise": disturbances.get("outputs")}
-    if isinstance(weights["state"], list):
-        sizes |= {"weights.state": weights["state"], "disturbances": disturbances.get("states")}
-    listed = "".join(f", {key} {values_text(value)}" for key, value in sizes.items() if value)
-    units = {key: value for key, value in asked.get("gain_units", {}).items() if value}
-    meant = "".join(f" {key} {values_text(value)}" for key, value in units.items())
-    said = f"gains up to {asked['gain_limit']:g}{' in units of' * bool(meant)}{meant}{listed}"
-    return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
+    given_up, shown = (
+        asked.get("given_up"),
+        {key: _unlike_one(asked[key]) for key in asked if key != "given_up"},
+    )
+    said = ", ".join(f"{key} = {toml_text(value)}" for key, value in shown.items() if value)
+    return {"by default": "; ".join(filter(None, [said, given_up]))}
+
+
+def _unlike_one(value: Any) -> Any:
+    return {k: v for k, v in value.items() if v != 1.0} if isinstance(value, Mapping) else value
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:

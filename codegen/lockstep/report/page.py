@@ -12,7 +12,7 @@ from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.document import answer
-from lockstep.model.plain_json import values_text
+from lockstep.model.plain_json import toml_text
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
 from lockstep.report.certificate_terms import terms_of
@@ -82,18 +82,14 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
 
 
 def _asked(facts: Facts) -> Iterator[tuple[str, str]]:
-    """Name and value of what the file asks for, or is asked for by default: [design], with its tables, and [agent.limits]."""
-    tables = facts.problem.document()
-    for key, value in tables["design"].items():
-        if key == "gains":
-            continue
-        parts = (
-            {f"{key}.{name}": one for name, one in value.items()} if isinstance(value, dict) else {key: value}
-        )
-        yield from ((name, values_text(one)) for name, one in parts.items() if one not in ({}, [], None))
-    if limits := tables["agent"].get("limits"):
-        yield "[agent.limits]", values_text(limits)
-    if given_up := facts.stored.info["figures"].get("defaults", {}).get("given_up"):
+    """Name and value of what is asked for, in the file or by default: [design] and [agent.limits], as a file has them."""
+    tables, figures = facts.problem.document(), facts.stored.info["figures"]
+    asked = {
+        key: value for key, value in tables["design"].items() if key != "gains" and value not in (None, {})
+    }
+    limits = {"[agent.limits]": tables["agent"]["limits"]} if tables["agent"].get("limits") else {}
+    yield from ((key, toml_text(value)) for key, value in (asked | limits).items())
+    if given_up := figures.get("defaults", {}).get("given_up"):
         yield "by default, before that", given_up
 
 

@@ -126,11 +126,13 @@ def _given_up(before: Sequence[str], wish: Wishes) -> str:
 def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
     """Return how far an attempt without gains came, in a few words."""
     if "fraction" in figures:
-        return f"{int(100 * figures['fraction']) / 100:g} of what is asked was carried"
+        return f"{int(100 * figures['fraction']) / 100 or 'nothing'} of what is asked was carried"
     if figures.get("abscissa", -1.0) < 0:
         return "not all that is asked was certified"
-    came = f", {figures['decay']:.2g} at most," * (figures.get("decay", 0.0) > 0)
-    return f"no loop decayed at {decay:g} 1/s{came}" if decay else "no loop was as stable as is searched for"
+    if not decay:
+        return "no loop was as stable as is searched for"
+    came = figures.get("decay", 0.0)
+    return f"no loop decayed at {decay:g} 1/s{f', {came:.2g} at most,' if came > 0 else ''}"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

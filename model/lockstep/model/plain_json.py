@@ -27,14 +27,15 @@ def plain(value: Any) -> Any:
     return value
 
 
-def values_text(value: Any) -> str:
-    """Return a value, or a list or table of them, for people.
+def toml_text(value: Any) -> str:
+    """Return a value as a problem file would have it; None and empty tables are left out of a table.
 
-    >>> values_text({"y1": 0.003, "y2": 3.0e-5}), values_text([0.002]), values_text(1.0), values_text(True)
-    ('y1 0.003 y2 3e-05', '0.002', '1', 'yes')
+    >>> toml_text({"u": [0.002], "outputs": {"y1": 3.0e-5}, "states": None, "on": True, "method": "certified"})
+    '{ u = [0.002], outputs = { y1 = 3e-05 }, on = true, method = "certified" }'
     """
     if isinstance(value, Mapping):
-        return " ".join(f"{name} {values_text(one)}" for name, one in value.items())
+        parts = (f"{key} = {toml_text(one)}" for key, one in value.items() if one not in (None, {}))
+        return f"{{ {', '.join(parts)} }}"
     if isinstance(value, bool | str):
-        return value if isinstance(value, str) else "yes" if value else "no"
-    return " ".join(map(values_text, value)) if isinstance(value, Sequence) else f"{value:g}"
+        return json.dumps(value, ensure_ascii=False)
+    return f"[{', '.join(map(toml_text, value))}]" if isinstance(value, Sequence) else f"{value:g}"
