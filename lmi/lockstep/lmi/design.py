@@ -132,7 +132,7 @@ def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
     if not decay:
         return "no loop was as stable as is searched for"
     came = figures.get("decay", 0.0)
-    return f"no loop decayed at {decay:g} 1/s{f', {came:.2g} at most,' if came > 0 else ''}"
+    return f"no loop decayed at {decay:g} 1/s{f' (the fastest at {came:.2g})' if came > 0 else ''}"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

@@ -1,10 +1,13 @@
 """Defaults that actuators size: gains that take about half of [agent.limits] in the initial states, whatever the units."""
 
+import re
+
 import numpy as np
 import pytest
 from lmi_cases import PATH_2, first_wishes, problem, stored
 
 from lockstep.lmi.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, wishes
+from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
@@ -212,3 +215,21 @@ def test_an_input_without_a_limit_has_its_own_unit() -> None:
     )
     units = first_wishes(posed)["gain_units"]["inputs"]
     assert units["f"] > 300 * units["g"]
+
+
+@pytest.mark.slow
+def test_how_fast_loops_came_is_said_of_gains_that_are_too_slow() -> None:
+    """p'' = u - 4 p' + phi from |r| = 2 with |u| <= 0.2: gains of 0.05 leave s^2 + 4 s + 2 * 0.05 = 0, s = -0.0252."""
+    posed = problem(
+        dynamics={"p": "v", "v": "u - 4*v - 0.01*sin(p)"},
+        outputs={"y": "p"},
+        network=PATH_2,
+        agent="limits = { u = [-0.2, 0.2] }",
+        design="order = 0\nstarts = 1\ndecay = 0.2\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]",
+    )
+    given_up = design(posed, jobs=1).figures["defaults"]["given_up"]
+    told = re.match(
+        r"no loop decayed at 0\.2 1/s \(the fastest at ([\d.]+)\) within gain_limit 0\.05", given_up
+    )
+    assert told is not None
+    assert 0.015 < float(told[1]) < 0.0252
