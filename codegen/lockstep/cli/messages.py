@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from lockstep.check.sampled.links import Messages
 from lockstep.cli.console import Answer, progress_display, table
 
 
@@ -30,6 +31,5 @@ def messages_row(content: Mapping[str, Any]) -> dict[str, str]:
         return {"messages": f"NO: {found['reason']}"}
     gain = f", rho {found['rho']:.6g}" if found.get("rho") else ""
     alike = ", all links alike" if found.get("alike") else ""
-    late = f"{found['burst']} lost in a row, {found['delay'][1]} periods late, jitter {found['jitter']:g}"
-    said = f"yes, with a chance of loss of at most {found['loss']:g}{alike}, besides it {late}"
-    return {"messages": f"{said}{gain}, proof: {found['proof']}"}
+    faults = Messages(*(found[key] for key in ("loss", "burst", "delay", "jitter")))
+    return {"messages": f"yes, with {faults.text}{alike}{gain}, proof: {found['proof']}"}

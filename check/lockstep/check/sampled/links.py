@@ -34,10 +34,13 @@ class Messages:
     @property
     def text(self) -> str:
         """What happens, for people."""
-        return (
-            f"a chance of loss of at most {self.loss:g}, besides it {self.burst} lost in a row, {self.delay[1]} periods late,"
-            f" a jitter of {self.jitter:g}"
+        said = (
+            (self.loss, f"a chance of loss of at most {self.loss:g}"),
+            (self.burst, f"{'besides ' * bool(self.loss)}up to {self.burst} lost in a row"),
+            (self.delay[1], f"up to {self.delay[1]} periods late"),
+            (self.jitter, f"a jitter of {self.jitter:g}"),
         )
+        return ", ".join(text for happens, text in said if happens) or "every message in time"
 
     def within(self, proved: "Messages") -> bool:
         """Tell whether no more happens than was proved for, and no message is earlier."""
