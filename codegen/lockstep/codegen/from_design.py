@@ -225,7 +225,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
-        "alpha": float(below(claims.alpha, 9)),
+        "alpha": float(below(claims.alpha, 6)),
         **delta,
         "decay": None
         if claims.decay is None

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 UNCLAIMED = "the file does not claim it"
 NOT_AS_GENERATED = (
-    "the folder is not as generated: what its C, comments or manifest say is not what the design gives; "
-    "generate it again"
+    "the folder is not as generated: what its C, comments or manifest say is not what the design gives with this version;"
+    " generate it again (`lockstep-check` decides the numbers in the C alone)"
 )
 UNDECIDED = "not decided: it rests on a claim that fails"
 
