@@ -95,11 +95,11 @@ def test_exact_and_float_loops_are_the_same(seed: int, N: int, order: int, q: in
     floats = build_loop(plant, disagreement(graph), order)
     assert exact.exact
     assert not floats.exact
-    for name in ("A_0", "E", "E_G"):
+    for name in ("A_0", "E"):
         np.testing.assert_array_equal(as_floats(getattr(exact, name)), getattr(floats, name))
     exact_A = as_floats(exact.A_cl(converter(True)(gains.blocks)))
     np.testing.assert_allclose(exact_A, floats.A_cl(gains.blocks), rtol=1e-13, atol=1e-13)
-    assert (exact.n_x, exact.n_d) == (2 * (N - 1) + order * N, 2 * (N - 1))
+    assert exact.E.shape == (2 * (N - 1) + order * N, 2 * (N - 1))
 
 
 PUBLISHED = Gains(  # Table 1 of the paper, Corollary 1
@@ -148,7 +148,7 @@ def test_A_cl_is_affine_in_each_agent_s_own_gains_only() -> None:
     np.testing.assert_allclose(both, apart, atol=1e-12)
     # Agent 2's controller states are moved by no other agent's gains.
     moved = loop.A_cl(K + step * np.array([1, 0, 1])[:, None, None]) - loop.A_cl(K)
-    assert not moved[loop.n_d + 1].any()
+    assert not moved[loop.E.shape[1] + 1].any()
 
 
 def test_weights_of_the_disagreement_leave_the_controllers_alone() -> None:

@@ -74,7 +74,7 @@ def test_the_reduced_loop_is_the_disagreement_of_the_nonlinear_one(
 
 @pytest.mark.parametrize("make", [arm, two_by_two])
 def test_G_phi_is_the_disagreement_of_h(make: Callable[[], Agent]) -> None:
-    """(T (x) I) h = (I (x) G) (T (x) I) phi: the offset cancels, and E_G is the way phi_d enters."""
+    """(T (x) I) h = (I (x) G) (T (x) I) phi: the offset cancels, which is how phi_d enters."""
     agent = make()
     network = Network(agent, CYCLE)
     loop = network.loop(1)
@@ -82,7 +82,7 @@ def test_G_phi_is_the_disagreement_of_h(make: Callable[[], Agent]) -> None:
     h = np.stack([nonlinearity(agent, t)(row) for row in x])
     phi = np.stack([np.array(agent.lure.phi(agent.lure.H @ row, t)).ravel() for row in x])
     np.testing.assert_allclose(
-        loop.E @ (loop.d.T @ h).ravel(), loop.E_G @ (loop.d.T @ phi).ravel(), atol=1e-12
+        loop.E @ (loop.d.T @ h).ravel(), loop.E @ ((loop.d.T @ phi) @ loop.plant.G.T).ravel(), atol=1e-12
     )
 
 

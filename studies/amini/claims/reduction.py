@@ -119,7 +119,7 @@ def _rho_on_everything(K: Float[np.ndarray, "3 3 4"]) -> float:
 
     one = loop()
     form = AffineF(one, K, claim())
-    n_x, n_d = one.n_x, one.n_d
+    n_x, n_d = one.E.shape
     P, m, r2 = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(3), cp.Variable()
     keep = [*range(n_x), *range(n_x + n_d, len(form.constant))]
     square = np.ix_(keep, keep)

@@ -87,7 +87,7 @@ def _one_multiplier(source: Source, alpha: float) -> bool:
     from lockstep.lmi.analysis.certificate_sdp import run
 
     one = loop(structured=False)
-    A_cl, n_x, n_d = one.A_cl(TABLE_1[source].blocks), one.n_x, one.n_d
+    A_cl, (n_x, n_d) = one.A_cl(TABLE_1[source].blocks), one.E.shape
     P, tau, r2 = cp.Variable((n_x, n_x), symmetric=True), cp.Variable(), cp.Variable()
     weight = np.diag([1.0] * n_d + [2.0] * (n_x - n_d)) + 0.0
     head = P @ A_cl + A_cl.T @ P + weight + tau * alpha**2 * (one.E @ one.E.T)

@@ -119,7 +119,7 @@ def test_the_storage_function_falls_for_four_agents_whatever_phi_is() -> None:
                 x = np.outer(generator.standard_normal(4), [1.0, 5.0 + 15 * generator.uniform()])
             phi = admitted_values(generator, x @ network.plant.H.T, share * bounds)
             x_d = (loop.d.T @ x).ravel()
-            rate = A_cl @ x_d + loop.E_G @ (loop.d.T @ phi).ravel()
+            rate = A_cl @ x_d + loop.E @ (loop.d.T @ phi @ loop.plant.G.T).ravel()
             gain = 2 * x_d @ certificate.P @ rate + ((x - x.mean(axis=0)) ** 2).sum()
             worst = max(worst, gain / (x_d @ x_d))
         excess.append(worst)

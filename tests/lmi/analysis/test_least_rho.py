@@ -91,7 +91,8 @@ def largest_alpha(equal: bool) -> float:
     network, gains = arms(), published()
     loop = network.loop(2)
     A_cl, n_x = loop.A_cl(gains.blocks), loop.n_x
-    E_G, H = loop.E_G, np.hstack([np.kron(np.eye(2), loop.plant.H), np.zeros((2, 6))])
+    E_G = loop.E @ np.kron(np.eye(2), loop.plant.G)
+    H = np.hstack([np.kron(np.eye(2), loop.plant.H), np.zeros((2, 6))])
     shapes = [loop.d.pair_multiplier(i, j) for i, j in loop.d.pairs()]
 
     def feasible(alpha: float) -> bool:

@@ -169,7 +169,8 @@ def test_the_storage_function_falls_along_the_nonlinear_flow() -> None:
                 x_cl = _least_direction(loop, A_cl, certificate.P, share * ALPHA) + 1e-3 * x_cl
                 x, xi = loop.d.right @ x_cl[:8].reshape(2, 4), 0 * xi
             phi = random_order_preserving_slopes(generator, x @ network.plant.H[0], share * ALPHA)
-            rate = A_cl @ x_cl + loop.E_G @ (loop.d.T @ phi) + loop.E @ (loop.d.T @ xi).ravel()
+            into = np.outer(phi, network.plant.G) + xi
+            rate = A_cl @ x_cl + loop.E @ (loop.d.T @ into).ravel()
             parts = [((part - part.mean(axis=0)) ** 2).sum() for part in (x, xi)]
             gain = (
                 2 * x_cl @ certificate.P @ rate
@@ -183,8 +184,8 @@ def test_the_storage_function_falls_along_the_nonlinear_flow() -> None:
 
 
 def _least_direction(loop: object, A_cl: np.ndarray, P: np.ndarray, alpha: float) -> np.ndarray:
-    """Return the eigenvector of the largest eigenvalue of He(P (A_cl + alpha E_G H)) + weights."""
-    GH = loop.E_G @ np.hstack([np.kron(np.eye(2), loop.plant.H), np.zeros((2, 6))])  # type: ignore[attr-defined]
+    """Return the eigenvector of the largest eigenvalue of He(P (A_cl + alpha E (I (x) G) (I (x) H))) + weights."""
+    GH = loop.E @ np.hstack([np.kron(np.eye(2), loop.plant.G @ loop.plant.H), np.zeros((8, 6))])  # type: ignore[attr-defined]
     weight = np.diag([0.0] * 8 + [2.0] * 6)
     weight[:8, :8] = np.kron(loop.d.S, np.eye(4))  # type: ignore[attr-defined]
     form = P @ (A_cl + alpha * GH)

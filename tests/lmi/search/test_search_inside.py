@@ -103,7 +103,7 @@ def test_a_late_loop_is_the_loop_through_a_pade_approximant() -> None:
     """(2/tau - s) / (2/tau + s) at the inputs; at s = 0 it is 1, and without gains only its poles are added."""
     lag, what = 0.05, GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
     slow, weights = late(what.loop, what.claim, lag)
-    K, n_d, N = published().blocks, what.loop.n_d, what.loop.d.N
+    K, n_d, N = published().blocks, what.loop.E.shape[1], what.loop.d.N
     assert np.trace(weights.R) == np.trace(what.claim.R)
     s = 0.7j
     plain = what.loop

@@ -116,12 +116,12 @@ def test_without_multipliers_the_level_is_the_norm_that_python_control_computes(
     x = norm.pack(K, np.full(len(norm.W), 1e9))
     level = np.sqrt(norm.level(x, None, np.geomspace(1e-4, 1e3, 20000)))
     loop = network.loop(2)
-    out = np.linalg.cholesky(np.kron(loop.d.S, weights.R))
+    out, n_d = np.linalg.cholesky(np.kron(loop.d.S, weights.R)), loop.E.shape[1]
     C = np.zeros((loop.n_x, loop.n_x))
-    C[: loop.n_d, : loop.n_d] = out.T
-    C[loop.n_d :, loop.n_d :] = np.kron(np.eye(3), np.linalg.cholesky(weights.Q).T)
+    C[:n_d, :n_d] = out.T
+    C[n_d:, n_d:] = np.kron(np.eye(3), np.linalg.cholesky(weights.Q).T)
     B = loop.E @ np.linalg.inv(np.linalg.cholesky(np.kron(loop.d.S, np.eye(4)))).T
-    system = control.ss(loop.A_cl(K), B, C, np.zeros((loop.n_x, loop.n_d)))
+    system = control.ss(loop.A_cl(K), B, C, np.zeros((loop.n_x, n_d)))
     worst = max(np.linalg.norm(system(1j * w), 2) for w in np.geomspace(1e-4, 1e3, 4000))
     scale = what.units.disturbance * np.sqrt(what.units.cost)
     assert scale * level == pytest.approx(worst, rel=1e-3)

@@ -33,7 +33,7 @@ def test_a_certificate_of_the_scaled_loop_is_one_of_the_loop(seed: int, order: i
     ways = len([d for d, present in zip((0.2, 0.1, 0.3), (order, order, 1), strict=True) if present]) * 3
     found = Certificate(2.5, P + P.T, generator.uniform(0.5, 2, 3), generator.uniform(0.5, 2, ways))
     F, F_scaled = F_matrix(loop, K, weights, units.certificate(found)), F_matrix(new, K, scaled_claim, found)
-    n_phi, n_d = loop.E_G.shape[1], loop.n_d
+    n_phi, n_d = 2 * loop.plant.G.shape[1], loop.E.shape[1]
     g, size = np.sqrt(units.multiplier), loop.n_x + n_d + n_phi
     D = np.concatenate([1 / units.state, np.full(n_d, 1 / units.disturbance), np.full(n_phi, 1 / g)])
     D = np.concatenate([D, np.ones(len(F) - size)]) / np.sqrt(units.cost)

@@ -92,11 +92,6 @@ class Modes:
     order: int
     decay: float = 0.0
 
-    @property
-    def size(self) -> int:
-        """n + n_C."""
-        return len(self.plant.A) + self.order
-
     def at(self, value: float) -> Loop:
         """Return the mode of lambda, which is the double it is, as a loop of one difference and one controller."""
         one = replace(self.plant, B=self.plant.B[:1])

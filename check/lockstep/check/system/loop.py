@@ -98,10 +98,10 @@ class Plant:
 
 @dataclass(frozen=True)
 class Loop:
-    """A_cl = A_0 + sum_i U_i K_i Y_i and the ways in for phi_d and xi_d.
+    """A_cl = A_0 + sum_i U_i K_i Y_i and the way in for xi_d; phi_d enters by E (I (x) G).
 
     A_0: (n_x, n_x) with n_x = n (N-1) + n_C N;  U[i]: (n_x, n_C + m);  Y[i]: (n_C + q, n_x);
-    E: (n_x, n (N-1));  E_G: (n_x, r (N-1)).
+    E: (n_x, n_d), n_d = n (N-1) being the length of x_d.
     """
 
     plant: Plant
@@ -111,12 +111,6 @@ class Loop:
     U: tuple[Matrix, ...]
     Y: tuple[Matrix, ...]
     E: Matrix
-    E_G: Matrix
-
-    @property
-    def n_d(self) -> int:
-        """Length n (N-1) of the disagreement x_d."""
-        return int(self.E.shape[1])
 
     @property
     def n_x(self) -> int:
@@ -146,7 +140,6 @@ def build_loop(plant: Plant, d: Disagreement, order: int, decay: float = 0.0) ->
     unit, nothing = eye(d.N - 1, like), zeros(rest, 0, like)
     A_0 = block_diagonal(np.kron(unit, like), zeros(rest, rest, like))
     E = block_diagonal(eye(n_d, like), nothing)
-    E_G = block_diagonal(np.kron(unit, plant.G), nothing)
     if decay:
         A_0 = A_0 + converter(is_exact(like))(np.array([decay]))[0] * eye(len(A_0), like)
     U, Y = [], []
@@ -158,4 +151,4 @@ def build_loop(plant: Plant, d: Disagreement, order: int, decay: float = 0.0) ->
         Yi[order:, :n_d] = np.kron(d.L_r[i : i + 1, :], plant.C)
         U.append(Ui)
         Y.append(Yi)
-    return Loop(plant, d, order, A_0, tuple(U), tuple(Y), E, E_G)
+    return Loop(plant, d, order, A_0, tuple(U), tuple(Y), E)

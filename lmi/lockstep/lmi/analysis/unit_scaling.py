@@ -94,7 +94,6 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         U=tuple(time * state[:, None] * U for U in loop.U),
         Y=tuple(Y / state for Y in loop.Y),
         E=time * state[:, None] * loop.E / e,
-        E_G=time * state[:, None] * loop.E_G * (a / g),
     )
     gains = np.outer(np.concatenate([1 / (time * S_C), inputs]), np.concatenate([S_C, outputs]))
     W, noise, claim = claim.W / cost, claim.outputs / e, claim_at(claim, alpha=claim.alpha / a)

@@ -55,10 +55,11 @@ def witness(
     L = [base for base in bases if base is not None]
     unit = max(float(np.linalg.norm(base, 2)) for base in L) ** 2
     mu, s2, room = cp.Variable(1 + len(claim.entries)), cp.Variable(), cp.Variable()
-    P = [cp.Variable((modes.size, modes.size), symmetric=True) for _ in segments]
+    n = len(modes.plant.A) + modes.order
+    P = [cp.Variable((n, n), symmetric=True) for _ in segments]
     conditions = [mu >= 0, s2 >= 0]
     for one, base, pair in zip(P, L, segments, strict=True):
-        conditions.append(one >> (room * np.eye(modes.size) if sigma is not None else 0))
+        conditions.append(one >> (room * np.eye(n) if sigma is not None else 0))
         for value in pair:
             F = _balanced(modes, K, claim, value, one, base, mu, s2, unit)
             conditions.append(F + (room * np.eye(F.shape[0]) if sigma is not None else 0) << 0)

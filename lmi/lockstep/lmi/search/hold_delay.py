@@ -37,7 +37,7 @@ def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
         claim: of that loop.
         lag: tau.
     """
-    plant, n_d = loop.plant, loop.n_d
+    plant, n_d = loop.plant, loop.E.shape[1]
     basis, sizes, _ = np.linalg.svd(np.hstack(plant.B))
     F = basis[:, : len(sizes)][:, sizes > ABSENT * max(float(sizes.max(initial=0.0)), 1e-300)]
     n, k = F.shape
@@ -50,10 +50,11 @@ def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
         np.hstack([plant.H, np.zeros((len(plant.H), k))]),
     )
     found = build_loop(whole, loop.d, loop.order)
-    for U, Y, U_C, Y_C in zip(found.U, found.Y, loop.U, loop.Y, strict=True):
-        U[found.n_d :], Y[:, found.n_d :] = U_C[n_d:], Y_C[:, n_d:]
-    own = np.flatnonzero(np.arange(found.n_d) % (n + k) < n)
     E = np.zeros_like(found.E)
+    late_n_d = E.shape[1]
+    for U, Y, U_C, Y_C in zip(found.U, found.Y, loop.U, loop.Y, strict=True):
+        U[late_n_d:], Y[:, late_n_d:] = U_C[n_d:], Y_C[:, n_d:]
+    own = np.flatnonzero(np.arange(late_n_d) % (n + k) < n)
     E[np.ix_(own, own)] = loop.E[:n_d]
     R = np.zeros((n + k, n + k))
     R[:n, :n] = claim.R

@@ -106,7 +106,7 @@ class SetProgram:
         """
         exact, loop = network.matrices, network.loop(order)
         found = [as_floats(w) / float(d) for _, _, d, w in rows_within(exact, order, domain, inner)]
-        start = loop.n_d + (network.graph.roots[0] - 1) * order
+        start = loop.E.shape[1] + (network.graph.roots[0] - 1) * order
         kept = np.delete(np.arange(loop.n_x), np.arange(start, start + order))
         moving = tuple(i for i, degree in enumerate(network.graph.in_degrees) if degree)
         D = as_floats(squared_distance(exact))
@@ -175,7 +175,7 @@ class SetProgram:
         """Return the answer of one program from a point; with a length, its gains move, the further the larger it is."""
         import cvxpy as cp
 
-        form, n_0, n_d = AffineF(self.loop, point.K, self.claim), len(self.kept), self.loop.n_d
+        form, n_0, n_d = AffineF(self.loop, point.K, self.claim), len(self.kept), len(self.D)
         Z, slopes = self._reduced(form)
         inside = _inside(point.P, point.w, Z, slopes)
         if inside is None:
@@ -234,7 +234,7 @@ class SetProgram:
     def _of_level_one(self, point: SetPoint) -> SetPoint:
         """Return a point scaled to c = 1, with its radius."""
         c = 1 / max(float(row @ np.linalg.solve(point.P, row)) for row in self.rows)
-        side, n_d = np.linalg.inv(np.linalg.cholesky(self.D)), self.loop.n_d
+        side, n_d = np.linalg.inv(np.linalg.cholesky(self.D)), len(self.D)
         ratio = float(np.linalg.eigvalsh(side @ point.P[:n_d, :n_d] @ side.T)[-1])
         return SetPoint(point.K, point.P / c, point.w / c, float(np.sqrt(c / ratio)))
 

@@ -101,7 +101,7 @@ class GainSearch:
     @property
     def is_large(self) -> bool:
         """Whether the loop is one for `barrier`."""
-        return self.loop.n_x + int(self.loop.E_G.shape[1]) >= LARGE
+        return self.loop.n_x + self.loop.plant.sizes[3] * (self.loop.d.N - 1) >= LARGE
 
     @property
     def is_regular(self) -> bool:

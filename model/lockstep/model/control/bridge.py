@@ -178,7 +178,7 @@ def _closed(network: NetworkLike, gains: Gains) -> System:
 
 
 def _reduced(network: NetworkLike, gains: Gains) -> System:
-    """(15) with z = F x_d, F'F = S: then z' z is the squared disagreement, and E, E_G keep their form."""
+    """(15) with z = F x_d, F'F = S: then z' z is the squared disagreement, and E, E (I (x) G) keep their form."""
     import control
     from scipy.linalg import block_diag
 
@@ -188,10 +188,10 @@ def _reduced(network: NetworkLike, gains: Gains) -> System:
     to_z, back = block_diag(F, kept), block_diag(np.linalg.inv(F), kept)
     H = np.kron(np.eye(N - 1), network.plant.H)
     v_d = np.hstack([H, np.zeros((H.shape[0], N * order))])
-    x_d = np.eye(loop.n_d, loop.n_x)
+    x_d = np.eye(n * (N - 1), loop.n_x)
     u = np.vstack([(gains.blocks[i] @ as_floats(loop.Y[i]))[order:] for i in range(N)]) @ back
     r, v = network.plant.G.shape[1], network.plant.H.shape[0]
-    B = np.hstack([as_floats(loop.E), as_floats(loop.E_G)])
+    B = np.hstack([as_floats(loop.E), as_floats(loop.E @ np.kron(np.eye(N - 1), network.plant.G))])
     C = np.vstack([x_d, v_d, u])
     disagreements = [f"d{k}_{s}" for k in range(1, N) for s in agent.states]
     return control.ss(
