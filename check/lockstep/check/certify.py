@@ -244,13 +244,13 @@ def _limits(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldControll
     timely = "every message in time, " + "all agents in their domain, " * (stored.claims.scope != "global")
     start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
     energy = "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement at rest"
-    given, agree = (plain, held), "the loop converges with its inputs clipped"
+    agree = "the loop converges with its inputs clipped"
     rows: tuple[tuple[str, float | None, Any, str, str, Callable[[Any, float], bool]], ...] = (
-        ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(*given, w, limits, r)),
+        ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(plain, w, limits, r)),
         ("limits_gain", claims.limits_gain, proofs.limits_gain, energy, calm,
-         lambda w, gain: proves_gain(noisy, held, w, limits, weights, gain)),
+         lambda w, gain: proves_gain(noisy, w, limits, weights, gain)),
         ("clipped", claims.clipped_radius, proofs.clipped, start, agree,
-         lambda w, r: proves_clipped_radius(*given, w, limits, r)),
+         lambda w, r: proves_clipped_radius(plain, w, limits, r)),
     )  # fmt: skip
     for name, claimed, witness, case, result, prove in rows:
         if claimed is not None:

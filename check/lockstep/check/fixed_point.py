@@ -77,7 +77,7 @@ def decide_fixed(
         yield "fixed_rho", Verdict.of(said, holds)
     if claims.radius is not None:
         w = proofs.radius
-        holds = None if w is None else proves_range(sampled_loop(at, mine), mine, integers, w, claims.radius)
+        holds = None if w is None else proves_range(sampled_loop(at, mine), integers, w, claims.radius)
         rest = "controllers at rest, undisturbed, every message in time, readings exact"
         said = f"from |x_d(0)| <= {claims.radius:g}, {rest}, no integer meets its limit"
         yield "fixed_radius", Verdict.of(said, holds)

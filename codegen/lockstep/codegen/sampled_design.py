@@ -183,7 +183,7 @@ def _radius(
     """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
     limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
     loop = sampled_loop(network, controllers)
-    if stated and witness and proves_radius(loop, controllers, witness, limits, stated):
+    if stated and witness and proves_radius(loop, witness, limits, stated):
         return stated, witness
     return largest_radius(network, controllers, limits, guess)
 
@@ -195,7 +195,7 @@ def _gain(
     limits, weights = stored.problem.limits, stored.problem.performance
     stated, witness = stored.claims.sampled.limits_gain, stored.proofs.limits_gain
     loop = sampled_loop(network, controllers, weights.outputs)
-    if stated and witness and proves_gain(loop, controllers, witness, limits, weights, stated):
+    if stated and witness and proves_gain(loop, witness, limits, weights, stated):
         return stated, witness
     return largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
 
@@ -210,7 +210,7 @@ def _clipped(
     limits, stated = stored.problem.limits, stored.claims.sampled.clipped_radius
     witness = stored.proofs.clipped
     loop = sampled_loop(network, controllers)
-    if stated and witness and proves_clipped_radius(loop, controllers, witness, limits, stated):
+    if stated and witness and proves_clipped_radius(loop, witness, limits, stated):
         return stated, witness
     return largest_clipped_radius(network, controllers, limits, radius)
 

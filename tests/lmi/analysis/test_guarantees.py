@@ -305,8 +305,8 @@ def test_the_radius_counts_what_underflow_adds_to_messages_and_to_u() -> None:
     exact, limits = sampled_loop(network, held), np.array([limit])
     most, loose = largest(e, True), largest(witness.kappa_mu * np.dot(mu, mu), False)
     assert min(loose, largest(e, False)) > (1 + 1e-8) * most, "what nu does is seen, in V and in u"
-    assert proves_radius(exact, held, witness, limits, (1 - 2e-9) * most)
-    assert not proves_radius(exact, held, witness, limits, (1 + 2e-9) * most)
+    assert proves_radius(exact, witness, limits, (1 - 2e-9) * most)
+    assert not proves_radius(exact, witness, limits, (1 + 2e-9) * most)
 
 
 def test_what_the_checker_reads_of_limits_weights_and_disturbances() -> None:

@@ -88,10 +88,10 @@ def test_the_radius_of_an_unstable_difference(delay):
     assert 0.84 * truth <= radius <= truth
     assert unclipped <= 1.001 / (np.sqrt(2) * k), "u = -k d, and |x_d| = |d| / sqrt(2)"
     exact = sampled_loop(net, ones)
-    assert proves_clipped_radius(exact, ones, witness, LIMITS, radius)
-    assert not proves_clipped_radius(exact, ones, witness, LIMITS, 1.02 * radius)
-    assert not proves_clipped_radius(exact, ones, witness, 0.98 * LIMITS, radius)
-    assert not proves_radius(exact, ones, witness.storage, LIMITS, radius)
+    assert proves_clipped_radius(exact, witness, LIMITS, radius)
+    assert not proves_clipped_radius(exact, witness, LIMITS, 1.02 * radius)
+    assert not proves_clipped_radius(exact, witness, 0.98 * LIMITS, radius)
+    assert not proves_radius(exact, witness.storage, LIMITS, radius)
 
 
 def test_a_leader_hears_nobody_and_its_input_of_zero_meets_no_limit():
@@ -102,8 +102,8 @@ def test_a_leader_hears_nobody_and_its_input_of_zero_meets_no_limit():
     radius, witness = largest_radius(net, ones, LIMITS, WEIGHTS)
     truth, exact = 1 / (np.sqrt(2) * k), sampled_loop(net, ones)
     assert 0.9 * truth <= radius <= truth
-    assert proves_radius(exact, ones, witness, LIMITS, radius)
-    assert not proves_radius(exact, ones, witness, LIMITS, 1.001 * truth)
+    assert proves_radius(exact, witness, LIMITS, radius)
+    assert not proves_radius(exact, witness, LIMITS, 1.001 * truth)
 
 
 @pytest.mark.parametrize("delay", [0, 1])
@@ -115,8 +115,8 @@ def test_the_radius_of_a_large_loop(monkeypatch, delay):
     radius, witness = largest_radius(net, ones, LIMITS, 7.0 * WEIGHTS)
     truth = 1 / (np.sqrt(2) * 1.5)
     assert 0.9 * truth <= radius <= truth
-    assert proves_radius(sampled_loop(net, ones), ones, witness, LIMITS, radius)
-    assert not proves_radius(sampled_loop(net, ones), ones, witness, LIMITS, 1.001 * truth)
+    assert proves_radius(sampled_loop(net, ones), witness, LIMITS, radius)
+    assert not proves_radius(sampled_loop(net, ones), witness, LIMITS, 1.001 * truth)
 
 
 @pytest.mark.parametrize("seed", range(1, 5))
@@ -129,7 +129,7 @@ def test_given_pair_weights_reach_no_further_than_free_ones(monkeypatch, seed):
     assert found is not None
     # Of these four 0.67 to 0.87 are reached; above, `KEPT` leaves either within half a per cent of what it found.
     assert 0.6 * free[0] <= found[0] <= 1.01 * free[0]
-    assert proves_radius(sampled_loop(net, ones), ones, found[1], LIMITS, found[0])
+    assert proves_radius(sampled_loop(net, ones), found[1], LIMITS, found[0])
 
 
 def test_what_is_no_witness():
@@ -147,7 +147,7 @@ def test_what_is_no_witness():
     for name, values in changed.items():
         for value in values:
             other = dataclasses.replace(witness, **{name: value})
-            assert not proves_clipped_radius(exact, ones, other, LIMITS, radius), name
+            assert not proves_clipped_radius(exact, other, LIMITS, radius), name
 
 
 def test_with_no_sector_nothing_is_clipped():
@@ -158,8 +158,8 @@ def test_with_no_sector_nothing_is_clipped():
     same = ClippedWitness(
         storage, np.full(count, 1e6 * np.linalg.norm(storage.P)), np.zeros((count, len(storage.P)))
     )
-    assert proves_clipped_radius(sampled_loop(net, ones), ones, same, LIMITS, radius)
-    assert not proves_clipped_radius(sampled_loop(net, ones), ones, same, LIMITS, 1.05 * radius)
+    assert proves_clipped_radius(sampled_loop(net, ones), same, LIMITS, radius)
+    assert not proves_clipped_radius(sampled_loop(net, ones), same, LIMITS, 1.05 * radius)
 
 
 def worst_end(net, ones, radius: float, rng, runs: int = 64, steps: int = 4000) -> float:
@@ -256,8 +256,8 @@ def energy_ratio(seed: int) -> float | None:
         return None
     loop = sampled_loop(net, ones, outputs)
     assert best[0] <= truth, seed
-    assert proves_gain(loop, ones, best[1], LIMITS, weights, best[0])
-    assert not proves_gain(loop, ones, best[1], LIMITS, weights, 1.2 * best[0])
+    assert proves_gain(loop, best[1], LIMITS, weights, best[0])
+    assert not proves_gain(loop, best[1], LIMITS, weights, 1.2 * best[0])
     return best[0] / truth
 
 

@@ -26,6 +26,8 @@ from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 ROUNDED_UP = 1 + 1e-9
 """Some ten operations in doubles lose less than 1e-14."""
 
+TOO_LONG = "no proof that the period has no conjugate point: it may be too long for phi"
+
 
 @dataclass(frozen=True)
 class SampledVerdict:
@@ -66,10 +68,9 @@ def decide_sampled(
     """
     loop, at = sampled_loop(network, controllers), f"at {network.period:g} s"
     with balls.working_precision():
-        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} no proof that the period has no conjugate point: it may be too long for phi"
-            return refused(network, controllers, said)
         one, tried = lifted_agent(loop), 0
+        if one is None:
+            return refused(network, controllers, f"{at} {TOO_LONG}")
         for witness in witnesses:
             tried += 1
             if proves(loop, one, witness):
@@ -79,20 +80,22 @@ def decide_sampled(
     return refused(network, controllers, f"{at} {said}")
 
 
-def lifted_agent(loop: SampledLoop) -> Lifted:
-    """Return one period of one agent in balls, w = phi and z = alpha H x or those of a sector."""
-    return lift(loop.network.plant.A, loop.into, *loop.network.squares, loop.network.period)
+def lifted_agent(loop: SampledLoop) -> Lifted | None:
+    """Return one period of one agent in balls, w = phi and z = alpha H x or those of a sector.
+
+    None unless the period is shown to hold no conjugate point.
+    """
+    A, squares, period = loop.network.plant.A, loop.network.squares, loop.network.period
+    return lift(A, loop.into, *squares, period) if no_conjugate_point(A, *squares, period) else None
 
 
-def proves(exact_loop: SampledLoop, one: Lifted, witness: Witness) -> bool:
+def proves(exact_loop: SampledLoop, one: Lifted | None, witness: Witness) -> bool:
     """Decide in balls whether P > 0, m >= 0, t >= 0, 0 < decay < 1, M > 0, Omega > 0 and c P > diag((T T')^-1 (x) I, 0).
 
-    That the period holds no conjugate point is to be shown apart.
+    one: the `lifted_agent` of the loop, without which nothing is proved.
     """
-    if not 0 < witness.decay < 1:
-        return False
     M = admitted_multiplier(exact_loop, witness)
-    if M is None or not _bounds_the_distance(exact_loop, witness):
+    if one is None or M is None or not (0 < witness.decay < 1 and _bounds_the_distance(exact_loop, witness)):
         return False
     return balls.is_positive_definite(Omega_matrix(exact_loop, copies(one, M), witness))
 

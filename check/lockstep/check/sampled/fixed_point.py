@@ -138,26 +138,17 @@ def _nearest(gains: Matrix, powers: Sequence[int], most: int) -> tuple[tuple[int
 
 
 def proves_range(
-    loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
-    fixed: tuple[FixedController, ...],
-    witness: Witness,
-    radius: float,
+    loop: SampledLoop, fixed: tuple[FixedController, ...], witness: Witness, radius: float
 ) -> bool:
     """Decide in balls whether from |x_d(0)| <= radius, controllers at rest and undisturbed, no integer meets its limit.
 
     As in `input_limits`: V <= V_0 + kappa_mu |mu|^2 / (1 - decay) at every sampling instant, and |k x_cl + e| <= g sqrt(V) +
     |e|, g^2 = k P^-1 k', for the rows k of x_C, of r and of u; only those of u hold a mu.
     """
-    return proves_reach(loop, witness, radius, lambda: range_level(loop, controllers, fixed, witness))
+    return proves_reach(loop, witness, radius, lambda: range_level(loop, fixed, witness))
 
 
-def range_level(
-    loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
-    fixed: tuple[FixedController, ...],
-    witness: Witness,
-) -> arb:
+def range_level(loop: SampledLoop, fixed: tuple[FixedController, ...], witness: Witness) -> arb:
     """Return c: from V <= c on, no |x_j|, |r_k|, |u_l| meets its limit."""
     inverse, least = balls.inverse(exactly(witness.P)), arb("inf")
     for row, room in ranges_of(loop, fixed):
@@ -166,7 +157,7 @@ def range_level(
             if not reach > 0:
                 return arb(-1)
             least = least.min((arb(room) / reach) ** 2)
-    added = sum((arb(witness.kappa_mu) * arb(one.underflow) ** 2 for one in controllers), arb(0))
+    added = sum((arb(witness.kappa_mu) * arb(one.underflow) ** 2 for one in loop.controllers), arb(0))
     return least - added / (1 - arb(witness.decay))
 
 

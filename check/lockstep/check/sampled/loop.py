@@ -49,6 +49,7 @@ def way_of(controller: HeldController, agent: int, letter: str, place: slice, se
 class SampledLoop:
     """Matrices on z = (x_cl, e).
 
+    controllers: one per agent, or the one of a mode, with the coefficients of the code, which the loop is assembled from;
     n_d: length of x_d;  n_x: length of x_cl;  into: (n, k), through which the inputs reach one agent;  held: what u_d
     of all copies is during the next period;  advanced: the rest of x_cl after it;  ways: the coefficient errors;
     seen: (x_C, r) of each agent;  messages: the columns of zeta;  underflows: those of mu, next to them;  outputs: those of
@@ -57,6 +58,7 @@ class SampledLoop:
     """
 
     network: SampledNetwork
+    controllers: tuple[HeldController, ...]
     n_d: int
     n_x: int
     into: Matrix
@@ -109,6 +111,7 @@ def sampled_loop(
     applied, at = layout.at.rows("last") if network.delay else u, layout.at.of
     return SampledLoop(
         network,
+        controllers,
         at["x_d"].stop,
         at["last"].stop,
         into,

@@ -39,7 +39,6 @@ from lockstep.check.continuous.modes import Segment
 from lockstep.check.errors import demand
 from lockstep.check.numbers import converter, exact, eye, rounded_down, zeros
 from lockstep.check.sampled import balls, certificate
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork, spectral_bound
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.l2_gain import proves_rho
@@ -150,8 +149,8 @@ class ModalLoop:
         )
         advanced = np.vstack([states, u]) if network.delay else states
         return SampledLoop(
-            network, n, at.of["last"].stop, plant.B[0], applied, advanced, ways, (received,), at.of["zeta"], at.of["mu"],
-            at.of["nu"], applied, u, differences,
+            network, self.controllers[:1], n, at.of["last"].stop, plant.B[0], applied, advanced, ways, (received,),
+            at.of["zeta"], at.of["mu"], at.of["nu"], applied, u, differences,
         )  # fmt: skip
 
 
@@ -165,12 +164,11 @@ def decide_modal_sampled(loop: ModalLoop, witness: SampledModalWitness | None) -
         said += f", not from {loop.lower:g} to {loop.upper:g}"
         return certificate.refused(network, loop.controllers, said)
     with balls.working_precision():
-        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
-            said = f"{at} no proof that the period has no conjugate point: it may be too long for phi"
-            return certificate.refused(network, loop.controllers, said)
         for P, mode in _modes(loop, witness):
-            if not certificate.proves(mode, certificate.lifted_agent(mode), witness.of(P, mode)):
-                return certificate.refused(network, loop.controllers, f"{at} no candidate survived the proof")
+            one = certificate.lifted_agent(mode)
+            if not certificate.proves(mode, one, witness.of(P, mode)):
+                said = certificate.TOO_LONG if one is None else "no candidate survived the proof"
+                return certificate.refused(network, loop.controllers, f"{at} {said}")
     return _accepted(loop, witness)
 
 

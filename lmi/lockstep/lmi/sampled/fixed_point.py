@@ -92,7 +92,7 @@ def radius(
         room = max(1 - candidate.kappa_mu * mu * mu / (1 - candidate.decay), 1e-6)
         for part in KEPT:
             found = float(f"{part * (room / gamma) ** 0.5:.4g}")
-            if proves_range(exact, held, integers, candidate, found):
+            if proves_range(exact, integers, candidate, found):
                 return found, candidate
     return None
 

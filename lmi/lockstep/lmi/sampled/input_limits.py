@@ -103,7 +103,7 @@ def largest_radius(
         for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
                 radius = float(f"{part / gamma**0.5:.4g}")
-                if proves_radius(exact_loop, controllers, candidate, limits, radius):
+                if proves_radius(exact_loop, candidate, limits, radius):
                     return radius, candidate
     return None
 
@@ -229,7 +229,7 @@ def largest_gain(
         for witness in problem.witnesses():
             for part in KEPT:
                 gain = float(f"{part * energy**0.5:.4g}")
-                if proves_gain(exact_loop, controllers, witness, limits, weights, gain):
+                if proves_gain(exact_loop, witness, limits, weights, gain):
                     return gain, witness
     return None
 

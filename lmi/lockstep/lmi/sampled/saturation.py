@@ -73,15 +73,13 @@ def largest_clipped_radius(
             for candidate in _priced(loop, one, start):
                 for part in KEPT:
                     radius = float(f"{part / gamma**0.5:.4g}")
-                    if radius > least and proves_clipped_radius(
-                        exact_loop, controllers, candidate, limits, radius
-                    ):
+                    if radius > least and proves_clipped_radius(exact_loop, candidate, limits, radius):
                         return radius, candidate
     if unclipped is None:
         return None
     never = np.full(len(loop.computed), NEVER * float(np.linalg.norm(unclipped[1].P, 2)))
     same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_x)))
-    return (least, same) if proves_clipped_radius(exact_loop, controllers, same, limits, least) else None
+    return (least, same) if proves_clipped_radius(exact_loop, same, limits, least) else None
 
 
 def _scanned(

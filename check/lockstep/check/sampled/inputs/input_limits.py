@@ -38,42 +38,31 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, block_diagonal, exact, exactly, eye
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import ROUNDED_UP, lifted_agent, proves
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
-from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.l2_gain import dissipates
 from lockstep.check.sampled.loop import SampledLoop
 
 
 def proves_radius(
-    exact_loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
-    witness: Witness,
-    limits: Annotated[np.ndarray, " m"],
-    radius: float,
+    exact_loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m"], radius: float
 ) -> bool:
     """Decide in balls whether a witness proves that no |u_l| exceeds limits[l] from disagreements up to a radius.
 
     Args:
-        exact_loop: assembled from the controllers.
-        controllers: as in the code.
+        exact_loop: assembled from the controllers as in the code.
         witness: of the sampled loop.
         limits: (m,) of each agent's inputs; infinite where there is none.
         radius: in the metric of the disagreement, above 0.
     """
     rows = exact_loop.computed[:, _seen(exact_loop)]
-    return proves_reach(
-        exact_loop, witness, radius, lambda: level(exact_loop, controllers, witness, limits, rows)
-    )
+    return proves_reach(exact_loop, witness, radius, lambda: level(exact_loop, witness, limits, rows))
 
 
 def proves_reach(loop: SampledLoop, witness: Witness, radius: float, level: Callable[[], arb]) -> bool:
     """Decide in balls a witness of the sampled loop, and that all disagreements up to a radius have V <= level()."""
-    network = loop.network
     with balls.working_precision():
         return (
             0 < radius < math.inf
-            and no_conjugate_point(network.plant.A, *network.squares, network.period)
             and proves(loop, lifted_agent(loop), witness)
             and reaches(loop, witness, level(), radius)
         )
@@ -81,7 +70,6 @@ def proves_reach(loop: SampledLoop, witness: Witness, radius: float, level: Call
 
 def proves_gain(
     exact_loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
     witness: Witness,
     limits: Annotated[np.ndarray, " m"],
     weights: Performance,
@@ -90,8 +78,7 @@ def proves_gain(
     """Decide in balls whether no |u_l| exceeds limits[l] under a disturbance of energy gain^2, from agreement.
 
     Args:
-        exact_loop: assembled from the controllers, with the noise of `weights`.
-        controllers: as in the code.
+        exact_loop: assembled from the controllers as in the code, with the noise of `weights`.
         witness: of the sampled loop with the disturbance, rho being 1.
         limits: (m,) of each agent's inputs; infinite where there is none.
         weights: whose scales of disturbance and noise are meant; what they weigh does not count.
@@ -104,7 +91,7 @@ def proves_gain(
         if not dissipates(exact_loop, quiet, witness, 1.0):
             return False
         rows = exact_loop.computed[:, _seen(exact_loop)]
-        return bool(level(exact_loop, controllers, witness, limits, rows) > arb(gain) ** 2)
+        return bool(level(exact_loop, witness, limits, rows) > arb(gain) ** 2)
 
 
 def _seen(loop: SampledLoop) -> list[int]:
@@ -119,13 +106,7 @@ def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:
     return bool(c > 0) and balls.is_positive_definite(c / arb(radius) ** 2 * metric(loop) - P)
 
 
-def level(
-    loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
-    witness: Witness,
-    limits: Annotated[np.ndarray, " m"],
-    rows: Matrix,
-) -> arb:
+def level(loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m"], rows: Matrix) -> arb:
     """Return c: from V <= c on, no |k_l x_cl + e_l| exceeds limits[l], e_l being the errors of u_l; (N m, n_x) rows k_l.
 
     Where the loop has noise nu_d, k_l acts on it too, and V counts T_s nu_d' (S (x) I) nu_d besides.
@@ -134,12 +115,12 @@ def level(
     unit, d = eye((len(columns) - loop.n_x) // (loop.network.d.N - 1), loop.held), loop.network.d
     form = block_diagonal(exactly(witness.P), exact(loop.network.period) * np.kron(d.S, unit))
     inverse = balls.inverse(form)
-    lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in controllers]
+    lost = [(arb(ROUNDED_UP * one.message_noise(0.0)), arb(one.underflow)) for one in loop.controllers]
     kappa, kappa_mu = arb(witness.kappa), arb(witness.kappa_mu)
     added = sum((kappa * zeta * zeta + kappa_mu * mu * mu for zeta, mu in lost), arb(0))
     least = arb("inf")
     for i, (zeta, mu) in enumerate(lost):
-        errors, delta_D = arb(0), arb(controllers[i].deltas["D"])
+        errors, delta_D = arb(0), arb(loop.controllers[i].deltas["D"])
         for way in loop.ways:
             if way.agent == i and way.letter in "CD":
                 Y = way.Y[:, columns]

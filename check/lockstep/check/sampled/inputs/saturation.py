@@ -26,8 +26,6 @@ import numpy as np
 from lockstep.check.numbers import Matrix, converter, exactly, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import admitted_multiplier, lifted_agent
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
-from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inequality import Omega_matrix, Witness
 from lockstep.check.sampled.inputs.input_limits import level, reaches
 from lockstep.check.sampled.lifting import copies
@@ -80,22 +78,17 @@ def sector_cost(loop: SampledLoop, witness: ClippedWitness) -> Matrix:
 
 
 def proves_clipped_radius(
-    exact_loop: SampledLoop,
-    controllers: tuple[HeldController, ...],
-    witness: ClippedWitness,
-    limits: Annotated[np.ndarray, " m"],
-    radius: float,
+    exact_loop: SampledLoop, witness: ClippedWitness, limits: Annotated[np.ndarray, " m"], radius: float
 ) -> bool:
     """Decide in balls whether the clipped loop converges from all disagreements up to a radius, controllers at rest.
 
     Args:
-        exact_loop: assembled from the controllers, without clipping.
-        controllers: as in the code.
+        exact_loop: assembled from the controllers as in the code, without clipping.
         witness: of the clipped loop.
         limits: (m,) of each agent's inputs; infinite where there is none.
         radius: in the metric of the disagreement, above 0.
     """
-    network, storage, inputs = exact_loop.network, witness.storage, len(exact_loop.computed)
+    storage, inputs = witness.storage, len(exact_loop.computed)
     if witness.tau.shape != (inputs,) or witness.h.shape != (inputs, exact_loop.n_x):
         return False
     if not ((witness.tau >= 0).all() and np.isfinite(witness.h).all()):
@@ -103,14 +96,11 @@ def proves_clipped_radius(
     if not (0 < radius < math.inf and 0 < storage.decay < 1):
         return False
     with balls.working_precision():
-        if not no_conjugate_point(network.plant.A, *network.squares, network.period):
+        M, one, loop = admitted_multiplier(exact_loop, storage), lifted_agent(exact_loop), clipped(exact_loop)
+        if M is None or one is None:
             return False
-        M = admitted_multiplier(exact_loop, storage)
-        if M is None:
-            return False
-        loop = clipped(exact_loop)
-        Omega = Omega_matrix(loop, copies(lifted_agent(exact_loop), M), storage, sector_cost(loop, witness))
+        Omega = Omega_matrix(loop, copies(one, M), storage, sector_cost(loop, witness))
         if not balls.is_positive_definite(Omega):
             return False
         rows = exact_loop.computed[:, : exact_loop.n_x] - exactly(witness.h)
-        return reaches(exact_loop, storage, level(exact_loop, controllers, storage, limits, rows), radius)
+        return reaches(exact_loop, storage, level(exact_loop, storage, limits, rows), radius)
