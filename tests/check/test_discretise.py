@@ -90,20 +90,9 @@ def test_tustin_refuses_a_pole_at_2_over_T_and_takes_one_beside_it():
         assert np.isfinite(discretise(2.1 / T * one, one, one, one, T, "tustin")).all()
 
 
-@pytest.mark.parametrize("period", [0, -0.1, float("nan"), float("inf")])
-def test_refuses_a_period_that_is_no_time(period):
-    with pytest.raises(ProblemError, match="period"):
-        discretise(*gains(1), period, "zoh")
-
-
 def test_refuses_what_float64_cannot_hold():
     one = np.ones((1, 1))
     with pytest.raises(ProblemError, match="not representable"):
         discretise(1e6 * one, one, one, one, 1.0, "zoh")
     with pytest.raises(ProblemError, match="not representable"):
         discretise(1e300 * one, one, one, one, 1e300, "euler")
-
-
-def test_refuses_an_unknown_rule():
-    with pytest.raises(ProblemError, match="tustin, zoh or euler"):
-        discretise(*gains(1), 0.1, "heun")

@@ -1,4 +1,4 @@
-"""The checker's network refuses matrices that do not fit, and gives the same loop in both kinds of number."""
+"""The checker's network gives the same loop in both kinds of number."""
 
 from dataclasses import replace
 
@@ -39,23 +39,6 @@ def test_a_plant_of_rationals_is_taken_as_it_is():
         == ExactNetwork(PLANT, GRAPH).loop(1, exact_arithmetic=True).A_0
     ).all()
     assert not exact.loop(1, exact_arithmetic=False).exact
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"A": np.eye(3)[:2]}, "`A` is 2 x 3; expected 2 x 2"),
-        ({"B": PLANT.B[:1]}, "1 input matrices for 2 agents"),
-        ({"B": (PLANT.B[0], np.eye(2))}, "`B_2` is 2 x 2; expected 2 x 1"),
-        ({"C": np.eye(3)}, "`C` is 3 x 3; expected 3 x 2"),
-        ({"G": np.eye(3)}, "`G` is 3 x 3; expected 2 x 3"),
-        ({"H": np.eye(3)}, "`H` is 3 x 3; expected 3 x 2"),
-    ],
-)
-def test_matrices_that_do_not_fit_are_refused(wrong, says):
-    with pytest.raises(ProblemError) as refused:
-        ExactNetwork(replace(PLANT, **wrong), GRAPH)
-    assert says in str(refused.value)
 
 
 def test_a_graph_without_a_spanning_tree_is_refused():

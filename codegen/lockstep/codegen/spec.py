@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from lockstep.check.c_source.reader import MAX_NEIGHBOURS
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.sampled.controller import check_period
 from lockstep.check.sampled.discretise import Discretization, Real
 from lockstep.codegen.cost.bound_coefficients import Optimize
 from lockstep.codegen.identifiers import check_identifier
@@ -209,7 +208,8 @@ class CodegenSpec:
         object.__setattr__(self, "agents", tuple(self.agents))
         object.__setattr__(self, "plants", tuple(self.plants))
         check_identifier(self.name, "name")
-        check_period(self.period)
+        timely = not isinstance(self.period, bool) and math.isfinite(self.period) and self.period > 0
+        demand(timely, f"the period is {self.period!r}", "period", "a finite number of seconds above 0")
         demand(self.delay in (0, 1), f"`{self.delay}`", "delay", "0 or 1 periods")
         _choice(self.discretization, ("tustin", "zoh", "euler"), "discretization")
         _choice(self.real, ("float32", "float64"), "real")

@@ -51,6 +51,7 @@ class Network:
         for i, b in enumerate(B):
             found = f"`B` is {b.shape[0]} x {b.shape[1]}"
             demand(b.shape == shape, found, f"agent {i + 1}", f"{shape[0]} x {shape[1]}")
+        demand(len(B) == self.N, f"{len(B)} input matrices for {self.N} agents", "network", "one B per agent")
         object.__setattr__(self, "B", B)
         if self.scales is not None:
             self._check_scales(*self.scales)

@@ -175,7 +175,9 @@ def test_a_bad_weight_is_refused(weight):
     ("change", "message"),
     [
         ({"period": 0}, "period"),
+        ({"period": -0.1}, "the period is"),
         ({"period": float("nan")}, "period"),
+        ({"period": float("inf")}, "period"),
         ({"real": "float16"}, "float32 or float64"),
         ({"optimize": "fun"}, "speed or size"),
         ({"discretization": "heun"}, "tustin or zoh or euler"),

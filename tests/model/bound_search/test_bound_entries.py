@@ -91,9 +91,3 @@ def test_the_mean_value_theorem_holds_with_them() -> None:
     ratio = np.abs(steps.T) / np.maximum(np.abs(a - b) @ R.T, 1e-300)
     assert ratio.max() <= 1 + 1e-9
     assert ratio[:, 1].max() > 0.98
-
-
-def test_impossible_entries() -> None:
-    for wrong in ((-1, 0, 1.0), (0, -1, 1.0), (0, 0, -1.0), (0, 0, math.inf), (0, 0, math.nan)):
-        with pytest.raises(ValueError, match="impossible"):
-            Entry(*wrong)

@@ -338,8 +338,9 @@ def test_bad_input_is_named():
         smallest_bound(phi, Box.everywhere(1), (1.0, 0.0))
     with pytest.raises(ProblemError, match="tolerance"):
         smallest_bound(phi, Box.everywhere(1), tolerance=0.0)
-    with pytest.raises(ProblemError, match="alpha"):
-        prove_bound(phi, Box.everywhere(1), -1.0)
+    for alpha in (-1.0, math.inf, math.nan):
+        with pytest.raises(ProblemError, match="alpha is"):
+            prove_bound(phi, Box.everywhere(1), alpha)
     with pytest.raises(ProblemError, match="output_scale"):
         prove_bound(phi, Box.everywhere(1), 1.0, output_scale=[0.0])
     x = ca.SX.sym("x")

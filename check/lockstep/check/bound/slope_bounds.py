@@ -1,6 +1,5 @@
 """What a bound is made of besides alpha: a bound of its own for each slope."""
 
-import math
 from dataclasses import dataclass
 
 
@@ -14,7 +13,3 @@ class Entry:
     component: int
     argument: int
     bound: float
-
-    def __post_init__(self) -> None:
-        if min(self.component, self.argument) < 0 or not 0 <= self.bound < math.inf:
-            raise ValueError(f"an impossible entry: {self}")

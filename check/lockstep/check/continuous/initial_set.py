@@ -76,10 +76,6 @@ class InitialSet:
     radius: float
     energy: float
 
-    def __post_init__(self) -> None:
-        if not (0 < self.level < math.inf and 0 < self.radius < math.inf and 0 < self.energy < math.inf):
-            raise ValueError(f"a set of level {self.level}, radius {self.radius}, energy {self.energy}")
-
 
 def better_than_proved(
     network: ExactNetwork, certificate: Certificate | ModalCertificate, domain: Domain, claimed: InitialSet

@@ -194,11 +194,6 @@ class SampledNetwork:
     delay: int = 0
     sector: Sector | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse a period or a delay that means nothing."""
-        check_period(self.period)
-        demand(self.delay in (0, 1), f"the delay is {self.delay!r}", "delay", "0 or 1 periods")
-
     @property
     def squares(self) -> tuple[Matrix, Matrix]:
         """G Pi_w^-1 G' and H'Pi_z H of one agent, in its kind of number; without a sector I and alpha^2 I.
@@ -213,12 +208,6 @@ class SampledNetwork:
             return zeros(len(A), len(A), A), zeros(len(A), len(A), A)
         alpha = number(np.array([self.alpha]))[0]
         return G @ G.T, alpha * alpha * (H.T @ H)
-
-
-def check_period(period: float) -> None:
-    """Refuse a period that is not a positive finite number of seconds."""
-    holds = not isinstance(period, bool) and math.isfinite(period) and period > 0
-    demand(holds, f"the period is {period!r}", "period", "a finite number of seconds above 0")
 
 
 def gamma(k: Annotated[np.ndarray, "..."], u: float) -> Annotated[np.ndarray, "..."]:

@@ -26,7 +26,7 @@ from flint import fmpq
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.numbers import Matrix, as_float, as_floats, exact, exactly, eye, inverse, product
 from lockstep.check.sampled.balls import exponential, working_precision
-from lockstep.check.sampled.controller import PRECISIONS, HeldController, check_period
+from lockstep.check.sampled.controller import PRECISIONS, HeldController
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.system.formation import WHERE
 from lockstep.check.system.loop import Gains
@@ -58,9 +58,6 @@ def discretise(
     >>> discretise(-one, one, one, 0 * one, 0.5, "tustin").tolist()
     [[0.6, 0.4], [0.8, 0.2]]
     """
-    check_period(period)
-    known = method in ("tustin", "zoh", "euler")
-    demand(known, f"`{method}`", "discretization", "tustin, zoh or euler")
     if len(A) == 0:
         return D.copy()
     if method == "zoh":

@@ -34,16 +34,6 @@ class ExactNetwork:
 
     def __post_init__(self) -> None:
         self.graph.check_spanning_tree()
-        plant, N = self.plant, self.graph.N
-        found = f"{len(plant.B)} input matrices for {N} agents"
-        demand(len(plant.B) == N, found, "network", "one B per agent")
-        n, m, q, r, v = plant.sizes
-        fits = {"A": (plant.A, (n, n)), "C": (plant.C, (q, n))}
-        fits |= {"G": (plant.G, (n, r)), "H": (plant.H, (v, n))}
-        fits |= {f"B_{i}": (B, (n, m)) for i, B in enumerate(plant.B, start=1)}
-        for name, (matrix, shape) in fits.items():
-            found = f"`{name}` is {' x '.join(map(str, matrix.shape))}"
-            demand(matrix.shape == shape, found, "network", f"{shape[0]} x {shape[1]}")
 
     @property
     def N(self) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.cover import breakpoints
-from lockstep.check.bound.decide import MOST_BOXES, Budget, check_level, decide_norm
+from lockstep.check.bound.decide import MOST_BOXES, Budget, decide_norm
 from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.slopes import Block, SlopeProblem
 from lockstep.check.errors import demand
@@ -146,7 +146,8 @@ def prove_bound(
     (True, 3.33)
 
     """
-    alpha = check_level(alpha)
+    demand(0 <= alpha < math.inf, f"alpha is {alpha}", "the bound to decide", "a finite number from 0 up")
+    alpha = float(alpha)
     exact = read(phi) if isinstance(phi, ca.Function) else phi
     problem = SlopeProblem.of(exact, box, time).scaled(output_scale, input_scale)
     lower, point = _reached(problem)
