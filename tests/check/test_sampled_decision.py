@@ -49,7 +49,7 @@ def test_a_witness_that_holds_is_enough(network, controllers):
     verdict = decide_sampled(network, controllers, [WITNESS])
     assert verdict.certified
     # sqrt(c kappa / (1 - decay)) of |nu| <= 2 sqrt(2) per unit of message error.
-    assert verdict.residual == pytest.approx((0.51 * 100 / 0.748) ** 0.5 * 8**0.5, rel=1e-6)
+    assert verdict.residual_per_message_error == pytest.approx((0.51 * 100 / 0.748) ** 0.5 * 8**0.5, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -60,8 +60,8 @@ def decide_fixed(
     found = decide_sampled(at, mine, (proofs.agreement,))
     kept = (
         claims.decay >= found.decay
-        and claims.residual_per_message_error >= SURE * found.residual
-        and claims.residual_from_rounding >= SURE * found.underflow
+        and claims.residual_per_message_error >= SURE * found.residual_per_message_error
+        and claims.residual_from_rounding >= SURE * found.residual_from_underflow
     )  # false where a figure is no number
     if not (found.certified and kept):
         said = "more is claimed of them than proved" if found.certified else found.reason

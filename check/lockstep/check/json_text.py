@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -149,6 +149,12 @@ def record(value: Any, where: str, readers: Mapping[str, Reader]) -> list[Any]:
 def made(kind: Callable[..., T], readers: Mapping[str, Reader]) -> Callable[[Any, str], T]:
     """Return the reader of an object of JSON that says what `kind` is made of, in its order."""
     return lambda value, where: kind(*record(value, where, readers))
+
+
+def readers_of(kind: type) -> dict[str, Reader]:
+    """Return the reader of each field of a dataclass, which its annotation names: `Annotated[float, not_negative]`."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field: hint.__metadata__[0] for field, hint in hints.items()}
 
 
 def each(value: Any, where: str, read: Reader, name: str = "entry") -> tuple[Any, ...]:

@@ -86,8 +86,8 @@ def with_fixed(stored: Stored) -> Stored:
     verdict, radius = decide_sampled(network, mine, [agreement]), fixed_point.radius(network, mine, integers)
     claims = FixedClaims(
         verdict.decay,
-        verdict.residual,
-        verdict.underflow,
+        verdict.residual_per_message_error,
+        verdict.residual_from_underflow,
         None if rho is None else rho.rho,
         None if rho is None else rho_rounding(rho.witness, mine, network.period),
         None if radius is None else radius[0],

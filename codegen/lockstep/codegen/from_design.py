@@ -333,7 +333,8 @@ def signed_lines(stored: Stored) -> dict[str, str]:
     arrives = "every message arrives"
     if stored.claims.messages is not None:
         arrives += " in time (of those that do not, `messages` alone says what is proved)"
-    residual, rms = (two_digits(one) for one in (sampled.residual, sampled.residual_rms))
+    residual = two_digits(sampled.residual_per_message_error)
+    rms = two_digits(sampled.residual_rms_per_message_error)
     return {
         "proved": f"all agents come to agree, between the samples too, under these {table.real} controllers stepped every"
         f" {table.period!r} s with u held, every rounding of a step counted",

@@ -76,9 +76,9 @@ class HeldVerdict:
             sampled.delay,
             sampled.decay,
             None if self.rho is None else self.rho.rho,
-            sampled.residual,
-            sampled.residual_rms,
-            sampled.underflow,
+            sampled.residual_per_message_error,
+            sampled.residual_rms_per_message_error,
+            sampled.residual_from_underflow,
             sampled.deltas,
             longest,
         )

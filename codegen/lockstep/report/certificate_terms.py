@@ -111,8 +111,8 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
         "every rounding of a step, as an error of the gains that the proof allows",
     )
     for residual, name in (
-        (sampled.residual, "ultimate bound"),
-        (sampled.residual_rms, "ultimate bound, rms"),
+        (sampled.residual_per_message_error, "ultimate bound"),
+        (sampled.residual_rms_per_message_error, "ultimate bound, rms"),
     ):
         if residual is None:
             continue

@@ -73,8 +73,7 @@ def sampled_document(claims: SampledClaims) -> dict[str, Any]:
     return {
         "certified": claims.certified,
         "proof": "ball" if claims.certified else "none",
-        **{key: own[key] for key in ("period", "delay", "decay", "rho", "max_period", "radius")},
-        **{name: own[key] for key, name in RESIDUALS.items()},
+        **{key: own[key] for key in ("period", "delay", "decay", "rho", "max_period", "radius", *RESIDUALS)},
         "rounding": [dict(one) for one in claims.rounding],
         **{key: own[key] for key in LATER if own[key] is not None},
     }

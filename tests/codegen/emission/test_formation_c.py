@@ -213,7 +213,7 @@ def test_the_loop_with_offsets_is_the_one_without(formation):
     np.testing.assert_allclose(one.disagreement(), other.disagreement(), atol=1e-12)
     quiet = replace(scenario, disturbance=None)
     sampled = simulate(network, design_controllers(formation), quiet)
-    residual = formation.claims.sampled.residual
+    residual = formation.claims.sampled.residual_per_message_error
     off = 2 * 2.0**-24 * float(np.abs(sampled.y).max())
     assert np.linalg.norm(apart(sampled.x[-1])) < residual * off + 1e-5
     assert sampled.disagreement()[-1] < 1e-4 < sampled.disagreement()[0]

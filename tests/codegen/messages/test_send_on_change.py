@@ -82,7 +82,7 @@ def test_more_is_saved_the_larger_the_threshold_and_nothing_is_changed_without_o
 
 def test_the_residual_that_is_proved_is_kept_and_a_threshold_costs_something(stored, network):
     """The agents are disturbed by nothing else, so that what is left in the end is the threshold's."""
-    kappa = stored.claims.sampled.residual
+    kappa = stored.claims.sampled.residual_per_message_error
     left = []
     for change in (0.01, 0.1):
         found = run(stored, network, change, horizon=60.0)

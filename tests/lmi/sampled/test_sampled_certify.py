@@ -130,8 +130,8 @@ def test_the_noise_bound_holds_in_a_simulation():
         states = x[:n_x].reshape(3, 2)
         distance = np.linalg.norm(states - states.mean(axis=0))
         far, total = max(far, distance), total + distance**2
-    assert 0 < far <= verdict.residual * e
-    assert np.sqrt(total / 2000) <= verdict.residual_rms * e
+    assert 0 < far <= verdict.residual_per_message_error * e
+    assert np.sqrt(total / 2000) <= verdict.residual_rms_per_message_error * e
 
 
 @pytest.mark.parametrize("delay", [0, 1])
@@ -160,8 +160,12 @@ def test_the_distance_from_consensus_is_the_same_in_the_paper_s_coordinates():
     for verdict in verdicts:
         assert exists <= verdict.witness.rms
         assert exists <= verdict.witness.ultimate
-    assert verdicts[1].residual == pytest.approx(verdicts[0].residual, rel=0.05)
-    assert verdicts[1].residual_rms == pytest.approx(verdicts[0].residual_rms, rel=0.05)
+    assert verdicts[1].residual_per_message_error == pytest.approx(
+        verdicts[0].residual_per_message_error, rel=0.05
+    )
+    assert verdicts[1].residual_rms_per_message_error == pytest.approx(
+        verdicts[0].residual_rms_per_message_error, rel=0.05
+    )
     x = np.random.default_rng(3).standard_normal((3, 2))
     x_d = np.kron(as_floats(rows.T), np.eye(2)) @ x.ravel()
     form = as_floats(metric(sampled_loop(paper, ones)))

@@ -1,13 +1,13 @@
 """`claims` of a design file: everything that the file says is proved, each number of it to be checked.
 
-What a number claims is given beside it. "Better" is what a larger claim would be: a checker accepts a claim that is no
-better than what it proves itself.
+A field is a key of the file: its annotation names the reader of its value, and what a number claims is given with it.
+"Better" is what a larger claim would be: a checker accepts a claim that is no better than what it proves itself.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 from lockstep.check import json_text as read
 from lockstep.check.bound.box import Box
@@ -24,14 +24,40 @@ SURE = 1 - 5e-10
 """What is proved of residuals is rounded up by 1e-9 of itself, of which its few operations need 1e-14: a file from another
 machine may be below it by half of that."""
 
-RESIDUALS = {
-    "residual": "residual_per_message_error",
-    "residual_rms": "residual_rms_per_message_error",
-    "underflow": "residual_from_underflow",
-}
-"""The keys of a file that have longer names than the fields of `SampledClaims`."""
+RESIDUALS = ("residual_per_message_error", "residual_rms_per_message_error", "residual_from_underflow")
 
+PositiveOrNone = Annotated[float | None, read.or_none(read.above_zero)]
+NotNegativeOrNone = Annotated[float | None, read.or_none(read.not_negative)]
 Scales = tuple[tuple[float, ...], tuple[float, ...]]
+T = TypeVar("T")
+
+
+def _scales(value: Any, where: str) -> Scales:
+    G, H = read.record(value, where, dict.fromkeys("GH", partial(read.each, read=read.above_zero)))
+    return G, H
+
+
+def _box(value: Any, where: str) -> Box:
+    sides = read.each(value, where, read.interval, "side")
+    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
+
+
+def _by_letter(value: Any, where: str) -> dict[str, float]:
+    found = read.record(value, where, dict.fromkeys(LETTERS, read.not_negative))
+    return dict(zip(LETTERS, found, strict=True))
+
+
+def _with_proof(kind: type[T], proof: str, value: Any, where: str) -> T:
+    """Read claims that say, besides their fields, how they are proved: with `proof`, or not where nothing is certified."""
+    *found, said = read.record(value, where, {**read.readers_of(kind), "proof": read.among(proof, "none")})
+    read.one_of(said, (proof if found[0] else "none",), f"{where}, `proof`")
+    return kind(*found)
+
+
+_ENTRY = read.made(Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative})
+_FIGURES = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
+_INITIAL_SET = read.made(InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **_FIGURES})
+_ROUNDING = partial(read.each, read=_by_letter, name="agent")
 
 
 @dataclass(frozen=True)
@@ -39,27 +65,27 @@ class SampledClaims:
     """What is claimed of the controllers sampled and rounded; None where nothing is.
 
     period: they agree when stepped so often, in s;  delay: periods until u acts;  decay: V shrinks by it from sample to
-    sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual, residual_rms, underflow: what
-    remains of the disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every
-    rounding of a step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);
-    radius: from disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none
-    does under a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements
-    up to it the loop converges with its inputs clipped (larger is better).
+    sample (smaller is better);  rho: the disturbance gain (smaller is better);  residual_...: what remains of the
+    disagreement (smaller is better);  rounding: per agent and letter, the gain error that stands for every rounding of a
+    step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);  radius: from
+    disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none does under
+    a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements up to it
+    the loop converges with its inputs clipped (larger is better).
     """
 
-    certified: bool = False
-    period: float | None = None
-    delay: int | None = None
-    decay: float | None = None
-    rho: float | None = None
-    residual: float | None = None
-    residual_rms: float | None = None
-    underflow: float | None = None
-    rounding: tuple[Mapping[str, float], ...] = ()
-    max_period: float | None = None
-    radius: float | None = None
-    limits_gain: float | None = None
-    clipped_radius: float | None = None
+    certified: Annotated[bool, read.flag] = False
+    period: PositiveOrNone = None
+    delay: Annotated[int | None, read.or_none(read.among(0, 1))] = None
+    decay: NotNegativeOrNone = None
+    rho: PositiveOrNone = None
+    residual_per_message_error: NotNegativeOrNone = None
+    residual_rms_per_message_error: NotNegativeOrNone = None
+    residual_from_underflow: NotNegativeOrNone = None
+    rounding: Annotated[tuple[Mapping[str, float], ...], read.or_none(_ROUNDING, ())] = ()
+    max_period: PositiveOrNone = None
+    radius: PositiveOrNone = None
+    limits_gain: PositiveOrNone = None
+    clipped_radius: PositiveOrNone = None
 
     def __post_init__(self) -> None:
         claimed = [one for key, one in vars(self).items() if key not in ("certified", "max_period")]
@@ -78,7 +104,7 @@ class SampledClaims:
         for key in ("decay", *RESIDUALS):
             claimed, least = getattr(self, key), getattr(proved, key)
             if claimed is not None and not claimed >= (SURE if key in RESIDUALS else 1.0) * least:
-                yield _unproved(RESIDUALS.get(key, key), claimed, least)
+                yield _unproved(key, claimed, least)
         if self.rounding and len(self.rounding) != len(proved.deltas):
             yield f"the file claims `rounding` of {len(self.rounding)} agents, not of {len(proved.deltas)}"
             return
@@ -90,6 +116,9 @@ class SampledClaims:
 
 def _unproved(name: str, claimed: float, proved: float) -> str:
     return f"the file claims {name} = {claimed:.10g} of the sampled loop, but {proved:.10g} is proved"
+
+
+_SAMPLED = partial(_with_proof, SampledClaims, "ball")
 
 
 @dataclass(frozen=True)
@@ -107,20 +136,20 @@ class Claims:
     messages;  fixed: of those in integers.
     """
 
-    certified: bool
-    rho: float | None
-    alpha: float
-    fragility: Mapping[str, float]
-    scope: Scope | None = None
-    scales: Scales | None = None
-    entries: tuple[Entry, ...] = ()
-    initial_set: InitialSet | None = None
-    floor: float | None = None
-    decay: float | None = None
-    controllers_stable: bool = False
-    sampled: SampledClaims = field(default_factory=SampledClaims)
-    messages: MessageClaims | None = None
-    fixed: FixedClaims | None = None
+    certified: Annotated[bool, read.flag]
+    rho: PositiveOrNone
+    alpha: Annotated[float, read.not_negative]
+    fragility: Annotated[Mapping[str, float], _by_letter]
+    scope: Annotated[Scope | None, read.or_none(read.among("global", "local"))] = None
+    scales: Annotated[Scales | None, read.or_none(_scales)] = None
+    entries: Annotated[tuple[Entry, ...], read.or_none(partial(read.each, read=_ENTRY), ())] = ()
+    initial_set: Annotated[InitialSet | None, read.or_none(_INITIAL_SET)] = None
+    floor: PositiveOrNone = None
+    decay: PositiveOrNone = None
+    controllers_stable: Annotated[bool, read.or_none(read.flag, otherwise=False)] = False
+    sampled: Annotated[SampledClaims, read.or_none(_SAMPLED, SampledClaims())] = SampledClaims()
+    messages: Annotated[MessageClaims | None, read.or_none(message_claims_of)] = None
+    fixed: Annotated[FixedClaims | None, read.or_none(fixed_claims_of)] = None
 
     def __post_init__(self) -> None:
         bare = not any((self.rho, self.scope, self.initial_set, self.decay))
@@ -135,62 +164,4 @@ def claims_of(content: Any) -> Claims:
     Raises:
         ProblemError: a key missing or unknown, or a value that cannot be one of its kind.
     """
-    entry = read.made(
-        Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative}
-    )
-    figures = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
-    initial = read.made(InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **figures})
-    readers: dict[str, read.Reader] = {
-        "certified": read.flag,
-        "rho": read.or_none(read.above_zero),
-        "alpha": read.not_negative,
-        "fragility": _by_letter,
-        "scope": read.or_none(read.among("global", "local")),
-        "scales": read.or_none(_scales),
-        "entries": read.or_none(partial(read.each, read=entry), ()),
-        "initial_set": read.or_none(initial),
-        "floor": read.or_none(read.above_zero),
-        "decay": read.or_none(read.above_zero),
-        "controllers_stable": read.or_none(read.flag, otherwise=False),
-        "sampled": read.or_none(_sampled, SampledClaims()),
-        "messages": read.or_none(message_claims_of),
-        "fixed": read.or_none(fixed_claims_of),
-        "proof": read.among("exact", "none"),
-    }
-    *found, proof = read.record(content, "claims", readers)
-    read.one_of(proof, ("exact" if found[0] else "none",), "claims, `proof`")
-    return Claims(*found)
-
-
-def _scales(value: Any, where: str) -> Scales:
-    G, H = read.record(value, where, dict.fromkeys("GH", partial(read.each, read=read.above_zero)))
-    return G, H
-
-
-def _box(value: Any, where: str) -> Box:
-    sides = read.each(value, where, read.interval, "side")
-    return Box(tuple(low for low, _ in sides), tuple(high for _, high in sides))
-
-
-def _sampled(value: Any, where: str) -> SampledClaims:
-    length, size = read.or_none(read.above_zero), read.or_none(read.not_negative)
-    readers: dict[str, read.Reader] = {
-        "certified": read.flag,
-        "period": length,
-        "delay": read.or_none(read.among(0, 1)),
-        "decay": size,
-        "rho": length,
-        **dict.fromkeys(RESIDUALS.values(), size),
-        "rounding": read.or_none(partial(read.each, read=_by_letter, name="agent"), ()),
-        **dict.fromkeys(("max_period", "radius", "limits_gain", "clipped_radius"), length),
-        "proof": read.among("ball", "none"),
-    }
-    *found, proof = read.record(value, where, readers)
-    read.one_of(proof, ("ball" if found[0] else "none",), f"{where}, `proof`")
-    return SampledClaims(*found)
-
-
-def _by_letter(value: Any, where: str) -> dict[str, float]:
-    return dict(
-        zip(LETTERS, read.record(value, where, dict.fromkeys(LETTERS, read.not_negative)), strict=True)
-    )
+    return _with_proof(Claims, "exact", content, "claims")

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
-from lockstep.check.json_text import above_zero, each, or_none, record, whole
+from lockstep.check.json_text import above_zero, each, or_none, readers_of, record, whole
 from lockstep.check.sampled.inequality import Witness
 
-NUMBERS = ("decay", "residual_per_message_error", "residual_from_rounding")
-LATER = ("rho", "rho_rounding", "radius")
+Positive = Annotated[float, above_zero]
+PositiveOrNone = Annotated[float | None, or_none(above_zero)]
+_EXPONENTS = partial(each, read=whole(-60, 60))
 
 
 @dataclass(frozen=True)
@@ -22,15 +23,15 @@ class FixedClaims:
     is better);  outputs, inputs, states: exponents e, a count being worth 2^-e, the states' by agent.
     """
 
-    decay: float
-    residual_per_message_error: float
-    residual_from_rounding: float
-    rho: float | None
-    rho_rounding: float | None
-    radius: float | None
-    outputs: tuple[int, ...]
-    inputs: tuple[int, ...]
-    states: tuple[tuple[int, ...], ...]
+    decay: Positive
+    residual_per_message_error: Positive
+    residual_from_rounding: Positive
+    rho: PositiveOrNone
+    rho_rounding: PositiveOrNone
+    radius: PositiveOrNone
+    outputs: Annotated[tuple[int, ...], _EXPONENTS]
+    inputs: Annotated[tuple[int, ...], _EXPONENTS]
+    states: Annotated[tuple[tuple[int, ...], ...], partial(each, read=_EXPONENTS, name="agent")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,4 @@ class FixedWitness:
 
 def fixed_claims_of(value: Any, where: str) -> FixedClaims:
     """Read `claims.fixed`."""
-    row = partial(each, read=whole(-60, 60))
-    formats = {"outputs": row, "inputs": row, "states": partial(each, read=row, name="agent")}
-    numbers = dict.fromkeys(NUMBERS, above_zero) | dict.fromkeys(LATER, or_none(above_zero))
-    return FixedClaims(*record(value, where, {**numbers, **formats}))
+    return FixedClaims(*record(value, where, readers_of(FixedClaims)))

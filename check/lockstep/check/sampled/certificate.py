@@ -33,11 +33,11 @@ TOO_LONG = "no proof that the period has no conjugate point: it may be too long 
 class SampledVerdict:
     """What is proved of the sampled loop, or why nothing is.
 
-    decay: V shrinks by it from one sampling instant to the next, up to the noise;  residual: the ultimate distance from
-    consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message entry;
-    residual_rms: the same as a root mean square over time;  underflow: the ultimate distance from underflow alone,
-    absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the rounding;  witness: what proves it,
-    a `Witness` or one of `modes`;  figures: what a search knows besides, for people.
+    decay: V shrinks by it from one sampling instant to the next, up to the noise;  residual_per_message_error: the
+    ultimate distance from consensus at the sampling instants, |(T'(T T')^-1 T (x) I) x|, per unit of error of every message
+    entry;  residual_rms_per_message_error: the same as a root mean square over time;  residual_from_underflow: the ultimate
+    distance from underflow alone, absolute;  deltas: per agent, the bounds on the coefficient errors that stand for the
+    rounding;  witness: what proves it, a `Witness` or one of `modes`;  figures: what a search knows besides, for people.
     """
 
     certified: bool
@@ -45,9 +45,9 @@ class SampledVerdict:
     period: float
     delay: int
     decay: float = float("nan")
-    residual: float = float("nan")
-    residual_rms: float = float("nan")
-    underflow: float = float("nan")
+    residual_per_message_error: float = float("nan")
+    residual_rms_per_message_error: float = float("nan")
+    residual_from_underflow: float = float("nan")
     deltas: tuple[Mapping[str, float], ...] = ()
     witness: Any = None
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -143,9 +143,9 @@ def accepted(
         refused(network, controllers, reason),
         certified=True,
         decay=bounds.decay,
-        residual=bounds.ultimate * messages,
+        residual_per_message_error=bounds.ultimate * messages,
         # What is never exceeded is no less in the mean square.
-        residual_rms=min(bounds.rms, bounds.ultimate) * messages,
-        underflow=ROUNDED_UP * lost,
+        residual_rms_per_message_error=min(bounds.rms, bounds.ultimate) * messages,
+        residual_from_underflow=ROUNDED_UP * lost,
         witness=witness,
     )

@@ -99,9 +99,9 @@ def promise(stored: Stored, kind: Kind) -> Promise:
         P = c.P if isinstance(c, Certificate) else None
         return Promise(kind, None if c is None else c.rho, verdict.scope, P, verdict.reason)
     witness, sampled = stored.proofs.sampled_rho, stored.claims.sampled
-    residual = None
-    if verdict.proves("sampled") and sampled.residual is not None and sampled.underflow is not None:
-        residual = sampled.residual, sampled.underflow
+    residual, kappa, underflow = None, sampled.residual_per_message_error, sampled.residual_from_underflow
+    if verdict.proves("sampled") and kappa is not None and underflow is not None:
+        residual = kappa, underflow
     if not verdict.proves("sampled_rho") or witness is None:
         reason = "no rho of the sampled loop is proved in the design file"
         return Promise(kind, None, verdict.scope, None, reason, residual)
