@@ -115,7 +115,7 @@ def test_the_sum_over_modes_is_a_certificate_of_the_network(graph):
     modes, ends = Modes(network.plant, 1), segment_ends(network, known)
     found = witness(modes, K, claim, ends)
     assert found is not None
-    w = as_floats(known.w)
+    w = as_floats(known)
     root = np.sqrt(w)
     values, V = np.linalg.eigh(root[:, None] * graph.laplacian / root)
     parts = [found.P[min(int(np.searchsorted(ends, value)) - 1, len(found.P) - 1)] for value in values[1:]]
@@ -199,7 +199,7 @@ def test_weights_that_do_not_balance_around_a_circle_are_refused():
     lopsided = np.array([[0.0, 2.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
     with pytest.raises(ProblemError, match="do not balance"):
         metric(Graph(lopsided))
-    assert metric(Graph(np.array([[0.0, 2.0], [1.0, 0.0]]))).spread == 2
+    assert max(metric(Graph(np.array([[0.0, 2.0], [1.0, 0.0]])))) == 2
 
 
 def test_infeasible_says_what_was_reached():

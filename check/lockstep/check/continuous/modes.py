@@ -44,10 +44,10 @@ from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.decide import decide_weights
 from lockstep.check.continuous.inequality import Claim, inequality
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, exact, exactly, is_exact
+from lockstep.check.numbers import Matrix, Vector, converter, exact, exactly, is_exact
 from lockstep.check.psd import Definiteness, decide_positive_definite
 from lockstep.check.system.disagreement import single_difference
-from lockstep.check.system.laplacian_spectrum import REMEDY, Metric, decide_spectrum, metric
+from lockstep.check.system.laplacian_spectrum import REMEDY, decide_spectrum, metric
 from lockstep.check.system.loop import Gains, Loop, Plant, build_loop
 from lockstep.check.system.network import ExactNetwork
 
@@ -114,7 +114,7 @@ def mode_matrix(
     return stated.F(P, K[None], np.array([square, *own]))
 
 
-def _covers(network: ExactNetwork, known: Metric, ends: tuple[float, ...]) -> Definiteness:
+def _covers(network: ExactNetwork, known: Vector, ends: tuple[float, ...]) -> Definiteness:
     """Decide whether the spectrum is within the segments; of many graphs, between which V must not change, within one."""
     if network.spectrum is None:
         return decide_spectrum(network.graph, known, ends[0], ends[-1])
@@ -123,8 +123,8 @@ def _covers(network: ExactNetwork, known: Metric, ends: tuple[float, ...]) -> De
     return Definiteness(room >= 0, "segment against [network] spectrum", room, value=room)
 
 
-def check_covered(network: ExactNetwork, claim: Claim) -> Metric:
-    """Return the metric of the graph.
+def check_covered(network: ExactNetwork, claim: Claim) -> Vector:
+    """Return the metric w of the graph.
 
     Raises:
         ProblemError: a graph, agents or a request that do not split into modes.
@@ -159,7 +159,7 @@ def decide_modes(
         answer = _covers(network, known, ends)
     modes = Modes(network.plant.in_numbers(True), gains.order, network.decay)
     K = exactly(gains.blocks[0])
-    square = exact(c.rho) ** 2 / known.spread
+    square = exact(c.rho) ** 2 / max(known)
     for start, segment in zip(ends, c.segments, strict=False):
         if not answer.positive:
             return answer

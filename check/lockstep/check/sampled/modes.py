@@ -245,7 +245,7 @@ def modal_loop(
         return ModalLoop(network, controllers, *spectrum)
     where = "the modal witness of the sampled loop"
     demand(ends is not None, "the certificate is none of modes", where, "a modal one")
-    plain = metric(graph).spread == 1 and are_rounded(controllers, graph.edges)
+    plain = max(metric(graph)) == 1 and are_rounded(controllers, graph.edges)
     demand(plain, "L is not symmetric with the weights in the code", where, "an undirected graph")
     return ModalLoop(network, controllers, *widened(*ends or (0.0, 0.0)))
 

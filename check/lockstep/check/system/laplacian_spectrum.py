@@ -6,42 +6,26 @@ Undirected graphs have w = 1; an undirected graph whose weights are divided by t
 in-degrees.
 """
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 from flint import fmpq
 
 from lockstep.check.errors import ProblemError
-from lockstep.check.numbers import exact
+from lockstep.check.numbers import Vector, exact
 from lockstep.check.psd import Definiteness, decide_positive_definite, too_many
 from lockstep.check.system.graph import Digraph
 
 REMEDY = 'use method = "certified", which takes any graph with a spanning tree'
 
 
-@dataclass(frozen=True)
-class Metric:
-    """The weights w, rationals with the smallest 1."""
-
-    w: Annotated[np.ndarray, " N"]
-
-    @property
-    def spread(self) -> fmpq:
-        """max w / min w: 1 for an undirected graph."""
-        ratio: fmpq = max(self.w) / min(self.w)
-        return ratio
-
-
-def metric(graph: Digraph) -> Metric:
-    """Return the weights that make diag(w) L symmetric, exactly.
+def metric(graph: Digraph) -> Vector:
+    """Return the weights w that make diag(w) L symmetric, rationals with the smallest 1: all are for an undirected graph.
 
     Raises:
         ProblemError: there are none: an edge has no counterpart, the spectrum is not real, or the products of weights
             around a circle differ with its direction.
 
-    >>> metric(Digraph.from_edges(3, [[1, 2], [2, 1], [2, 3], [3, 2]])).spread
-    1
+    >>> metric(Digraph.from_edges(3, [[1, 2], [2, 1], [2, 3], [3, 2, 0.5]])).tolist()
+    [1, 1, 2]
     """
     a = graph.adjacency
     one_way = np.argwhere((a > 0) & (a.T == 0))
@@ -61,10 +45,10 @@ def metric(graph: Digraph) -> Metric:
                 found = f"the weights around a circle through agents {i + 1} and {j + 1} do not balance"
                 raise _refused(graph, found)
     least = min(w.values())
-    return Metric(np.array([w[i] / least for i in sorted(w)], dtype=object))
+    return np.array([w[i] / least for i in sorted(w)], dtype=object)
 
 
-def decide_spectrum(graph: Digraph, known: Metric, lower: float, upper: float) -> Definiteness:
+def decide_spectrum(graph: Digraph, w: Vector, lower: float, upper: float) -> Definiteness:
     """Decide exactly whether lower < lambda_2 and lambda_N < upper.
 
     With wL = diag(w) L, on the vectors that w is orthogonal to, the invariant complement of 1: w_perp'(wL - lower diag(w))
@@ -73,7 +57,7 @@ def decide_spectrum(graph: Digraph, known: Metric, lower: float, upper: float) -
     """
     if beyond := too_many(graph.N - 1):
         return beyond
-    w, v = known.w, known.w[:-1] / known.w[-1]
+    v = w[:-1] / w[-1]
     wL = w[:, None] * graph.laplacian_in(exact_arithmetic=True)
     cross = np.outer(wL[:-1, -1], v)
     reduced = wL[:-1, :-1] - cross - cross.T + np.outer(v, v) * wL[-1, -1]

@@ -17,10 +17,9 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import ModalCertificate, Modes, Segment, check_covered, decide_modes
 from lockstep.check.errors import Infeasible, NotCertified, demand
-from lockstep.check.numbers import as_floats
+from lockstep.check.numbers import Vector, as_float, as_floats
 from lockstep.check.psd import MOST_ROWS
 from lockstep.check.system.graph import Digraph
-from lockstep.check.system.laplacian_spectrum import Metric
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage
 from lockstep.lmi.analysis.gain_limit import said_of
@@ -161,7 +160,7 @@ def shared_gains(K: Float[np.ndarray, "a b"], order: int, N: int) -> Gains:
     return Gains.from_blocks(np.stack([K] * N), order)
 
 
-def segment_ends(network: Network, known: Metric) -> Float[np.ndarray, " s"]:
+def segment_ends(network: Network, known: Vector) -> Float[np.ndarray, " s"]:
     """Return lower, the cuts between segments in short decimals, and upper."""
     if network.spectrum is not None:
         return np.array(network.spectrum)
@@ -177,9 +176,8 @@ def prove_modes(network: Network, gains: Gains, claim: Claim) -> ModalCertificat
     Raises:
         NotCertified: no certificate was found, or none survived the exact check.
     """
-    known = check_covered(network.matrices, claim)
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
-    spread = float(as_floats(np.array([known.spread], dtype=object))[0])
+    spread = as_float(max(check_covered(network.matrices, claim)))
     ends, least = least_witness(network, gains, claim)
     if least is None:
         raise NotCertified(
@@ -205,7 +203,7 @@ def covered_graphs(network: Network, certificate: ModalCertificate) -> str:
     if spectrum is not None:
         said = "all undirected graphs of any size {}, switching among them, agents that join and leave"
         return said.format(between.format(*spectrum))
-    if check_covered(network.matrices, _ANY).spread != 1:
+    if max(check_covered(network.matrices, _ANY)) != 1:
         return "this graph"
     if len(ends) > 2:
         return f"any one undirected graph {between.format(ends[0], ends[-1])}, fixed: {len(ends) - 1} segments, a P each"
@@ -253,13 +251,13 @@ def eigenvalues_of(network: Network) -> Float[np.ndarray, " k"]:
     return _eigenvalues(network.graph, check_covered(network.matrices, _ANY))[1:]
 
 
-def _eigenvalues(graph: Digraph, known: Metric) -> Float[np.ndarray, " N"]:
-    root = np.sqrt(as_floats(known.w))
+def _eigenvalues(graph: Digraph, known: Vector) -> Float[np.ndarray, " N"]:
+    root = np.sqrt(as_floats(known))
     symmetric = root[:, None] * graph.laplacian / root[None, :]
     return np.asarray(np.linalg.eigvalsh((symmetric + symmetric.T) / 2))
 
 
-def spectrum_bounds(graph: Digraph, known: Metric) -> tuple[float, float]:
+def spectrum_bounds(graph: Digraph, known: Vector) -> tuple[float, float]:
     """Return (lower, upper) a little outside lambda_2 and lambda_N."""
     values = _eigenvalues(graph, known)
     room = OUTSIDE * values[-1]
