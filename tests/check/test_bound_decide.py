@@ -22,12 +22,10 @@ from lockstep.check.expression.node import (
     Node,
     add,
     constant,
-    divide,
     function,
     multiply,
     power,
     scale,
-    subtract,
     variable,
 )
 from lockstep.check.expression.switches import positive
@@ -72,7 +70,7 @@ CONSTANTS = {
     "tanh": (phi(fn("tanh", x)), Box.everywhere(1), 1),  # sech^2(0)
     "tanh on one side": (phi(fn("tanh", x)), Box((1.0,), (INF,)), lambda: flint.arb(1).sech() ** 2),
     "bell": (phi(fn("exp", scale(-1, power(x, 2)))), Box.everywhere(1), lambda: root(2) / (flint.arb(1) / 2).exp()),
-    "rational": (phi(divide(x, add(ONE, power(x, 2)))), Box.everywhere(1), 1),  # at 0
+    "rational": (phi(x / (1 + x**2)), Box.everywhere(1), 1),  # at 0
     "logistic": (phi(power(add(ONE, fn("exp", scale(-1, x))), -1)), Box.everywhere(1), 0.25),  # at 0
     "softplus": (phi(fn("log", add(ONE, fn("exp", x)))), Box.everywhere(1), 1),  # towards infinity
     "length": (phi(fn("sqrt", add(ONE, power(x, 2)))), Box.everywhere(1), 1),  # towards infinity
@@ -80,7 +78,7 @@ CONSTANTS = {
     "modulus": (phi(fn("fabs", x)), Box.everywhere(1), 1),
     "log on a box": (LOG, Box((0.5,), (3.0,)), 2),
     "product": (phi(multiply(x, y), inputs=2), Box((-2.0, -1.0), (3.0, 4.0)), 5),  # |(4, 3)|
-    "van der Pol": (phi(multiply(subtract(ONE, power(x, 2)), y), inputs=2), Box((-2.0, -3.0), (2.0, 3.0)), lambda: root(153)),
+    "van der Pol": (phi((1 - x**2) * y, inputs=2), Box((-2.0, -3.0), (2.0, 3.0)), lambda: root(153)),
     "angle": (ANGLE, Box((1.0, -1.0), (2.0, 1.0)), 1),  # 1/r at (1, 0)
     "norm": (phi(fn("hypot", x, y), inputs=2), Box.everywhere(2), 1),
     "larger": (phi(fn("fmax", x, scale(2, y)), inputs=2), Box.everywhere(2), 2),

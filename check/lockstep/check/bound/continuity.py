@@ -15,16 +15,7 @@ from fractions import Fraction
 from lockstep.check.bound.enclosure import Boxes
 from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.regularity import Conditions
-from lockstep.check.expression.node import (
-    ZERO,
-    Node,
-    Undefined,
-    intern,
-    linear,
-    linear_terms,
-    scale,
-    subtract,
-)
+from lockstep.check.expression.node import ZERO, Node, Undefined, intern, linear, linear_terms
 from lockstep.check.expression.switches import FALSE, TRUE
 from lockstep.check.expression.traversal import expand, order, substitute
 
@@ -52,7 +43,7 @@ def _switches(nodes: Sequence[Node]) -> set[Node]:
 
 def _plane(switch: Node) -> Node:
     """Return the switching function up to a factor: d and -d are one plane."""
-    return scale(1 / _lead(switch), switch.args[0])
+    return (1 / _lead(switch)) * switch.args[0]
 
 
 def _lead(switch: Node) -> Fraction:
@@ -76,7 +67,7 @@ def _is_continuous(graph: ExactPhi, plane: Node, own: list[Node], lower: Boxes, 
         )
     except Undefined:
         return False
-    return all(expand(subtract(a, b)) is ZERO for x in (before, after) for a, b in zip(x, on, strict=True))
+    return all(expand(a - b) is ZERO for x in (before, after) for a, b in zip(x, on, strict=True))
 
 
 def _on_plane(

@@ -9,42 +9,25 @@ decides the condition.
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 
-from lockstep.check.expression.node import (
-    MINUS_ONE,
-    ONE,
-    ZERO,
-    Node,
-    add,
-    constant,
-    divide,
-    function,
-    linear,
-    multiply,
-    power,
-    scale,
-    subtract,
-    variable,
-)
+from lockstep.check.expression.node import ONE, ZERO, Node, add, function, linear, multiply, variable
 from lockstep.check.expression.switches import choose, positive
 from lockstep.check.expression.traversal import order
 
-HALF = constant(Fraction(1, 2))
-
 _UNARY: dict[str, Callable[[Node], Node]] = {
     "exp": lambda x: function("exp", x),
-    "log": lambda x: power(x, -1),
-    "sqrt": lambda x: divide(HALF, function("sqrt", x)),
+    "log": lambda x: 1 / x,
+    "sqrt": lambda x: Fraction(1, 2) / function("sqrt", x),
     "sin": lambda x: function("cos", x),
-    "cos": lambda x: scale(-1, function("sin", x)),
-    "tan": lambda x: add(ONE, power(function("tan", x), 2)),
-    "asin": lambda x: power(function("sqrt", linear(1, [(-1, power(x, 2))])), -1),
-    "acos": lambda x: scale(-1, power(function("sqrt", linear(1, [(-1, power(x, 2))])), -1)),
-    "atan": lambda x: power(linear(1, [(1, power(x, 2))]), -1),
+    "cos": lambda x: -function("sin", x),
+    "tan": lambda x: 1 + function("tan", x) ** 2,
+    "asin": lambda x: 1 / function("sqrt", 1 - x**2),
+    "acos": lambda x: -1 / function("sqrt", 1 - x**2),
+    "atan": lambda x: 1 / (1 + x**2),
     "sinh": lambda x: function("cosh", x),
     "cosh": lambda x: function("sinh", x),
     "tanh": lambda x: function("sech2", x),
-    "sech2": lambda x: scale(-2, multiply(function("tanh", x), function("sech2", x))),
-    "fabs": lambda x: choose(positive(x, weak=True), ONE, MINUS_ONE),
+    "sech2": lambda x: -2 * (function("tanh", x) * function("sech2", x)),
+    "fabs": lambda x: choose(positive(x, weak=True), ONE, -ONE),
 }
 
 
@@ -54,22 +37,19 @@ def _partial(node: Node) -> list[Node]:
         return [_UNARY[node.op](node.args[0])]
     if node.op == "real_power":
         exponent = node.data
-        return [scale(exponent, function("real_power", node.args[0], data=exponent - 1))]
+        return [exponent * function("real_power", node.args[0], data=exponent - 1)]
     x, y = node.args
     if node.op == "hypot":
         return [function("direction", x, y), function("direction", y, x)]
     if node.op == "direction":  # d/dx x/|(x, y)| = y^2/|.|^3
         length = function("hypot", x, y)
-        cube, apart = power(length, -3), positive(length)
+        cube, apart = length**-3, positive(length)
         # It jumps at the origin, also where y is exactly 0 and the formula is 0:
         # a box that holds the origin gets everything.
-        return [
-            choose(apart, d, d, smooth=True)
-            for d in (multiply(power(y, 2), cube), scale(-1, multiply(x, y, cube)))
-        ]
+        return [choose(apart, d, d, smooth=True) for d in (y**2 * cube, -multiply(x, y, cube))]
     if node.op == "atan2":  # atan2(x, y): x is the ordinate
-        square = power(add(power(x, 2), power(y, 2)), -1)
-        return [multiply(y, square), scale(-1, multiply(x, square))]
+        square = x**2 + y**2
+        return [y / square, -(x / square)]
     raise AssertionError(f"no derivative rule for {node.op}")
 
 
@@ -84,12 +64,12 @@ def _node_derivative(node: Node, inner: dict[Node, Node], index: int, of_slopes:
         return choose(condition, inner[a], inner[b], smooth=jumps)
     if node.op in ("fmin", "fmax"):
         x, y = node.args
-        larger = positive(subtract(x, y), weak=True)
+        larger = positive(x - y, weak=True)
         a, b = (x, y) if node.op == "fmax" else (y, x)
         return choose(larger, inner[a], inner[b])
     if all(inner[a] is ZERO for a in node.args):
         return ZERO
-    return add(*(multiply(p, inner[a]) for p, a in zip(_partial(node), node.args, strict=True)))
+    return add(*(p * inner[a] for p, a in zip(_partial(node), node.args, strict=True)))
 
 
 def _monomial_derivative(node: Node, inner: dict[Node, Node]) -> Node:
@@ -97,8 +77,8 @@ def _monomial_derivative(node: Node, inner: dict[Node, Node]) -> Node:
     terms = []
     for x, p in pairs:
         if inner[x] is not ZERO:
-            rest = [power(y, q) for y, q in pairs if y is not x]
-            terms.append(scale(p, multiply(power(x, p - 1), inner[x], *rest)))
+            rest = [y**q for y, q in pairs if y is not x]
+            terms.append(p * multiply(x ** (p - 1), inner[x], *rest))
     return add(*terms)
 
 

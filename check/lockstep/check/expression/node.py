@@ -22,7 +22,7 @@ class Undefined(ArithmeticError):
 
 
 class Node:
-    """One operation of an expression graph; made by the functions of this module only."""
+    """One operation of an expression graph; made by the functions of this module and the operators, numbers on the left."""
 
     __slots__ = ("__weakref__", "args", "data", "op", "place", "serial", "variables")
 
@@ -34,6 +34,36 @@ class Node:
     """Where it stands among the terms of a sum or product: variables by number, then the rest by what they say, so that
     nothing depends on what was built before."""
     variables: frozenset[int]
+
+    def __neg__(self) -> Node:
+        return scale(-1, self)
+
+    def __add__(self, other: Node) -> Node:
+        return add(self, other)
+
+    def __radd__(self, offset: Fraction | int) -> Node:
+        return linear(offset, [(1, self)])
+
+    def __sub__(self, other: Node) -> Node:
+        return linear(0, [(1, self), (-1, other)])
+
+    def __rsub__(self, offset: Fraction | int) -> Node:
+        return linear(offset, [(-1, self)])
+
+    def __mul__(self, other: Node) -> Node:
+        return multiply(self, other)
+
+    def __rmul__(self, factor: Fraction | int) -> Node:
+        return scale(factor, self)
+
+    def __truediv__(self, other: Node) -> Node:
+        return multiply(self, power(other, -1))
+
+    def __rtruediv__(self, factor: Fraction | int) -> Node:
+        return scale(factor, power(self, -1))
+
+    def __pow__(self, exponent: int) -> Node:
+        return power(self, exponent)
 
 
 _INTERNED: weakref.WeakValueDictionary[Hashable, Node] = weakref.WeakValueDictionary()
@@ -121,11 +151,6 @@ def add(*nodes: Node) -> Node:
     return linear(0, [(1, n) for n in nodes])
 
 
-def subtract(a: Node, b: Node) -> Node:
-    """Return a - b."""
-    return linear(0, [(1, a), (-1, b)])
-
-
 def scale(factor: Fraction | int, node: Node) -> Node:
     """Return factor * node."""
     return linear(0, [(factor, node)])
@@ -188,11 +213,6 @@ def power(node: Node, exponent: int) -> Node:
     if not coefficient and exponent < 0:
         raise Undefined("the reciprocal of 0")
     return product(coefficient**exponent, {x: p * exponent for x, p in powers.items()})
-
-
-def divide(a: Node, b: Node) -> Node:
-    """Return a / b."""
-    return multiply(a, power(b, -1))
 
 
 # Values at 0 that are exact, and what a function makes of a negated argument.

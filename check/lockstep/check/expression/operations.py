@@ -3,22 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-from lockstep.check.expression.node import (
-    ONE,
-    ZERO,
-    Node,
-    add,
-    constant,
-    divide,
-    factors,
-    function,
-    linear_terms,
-    multiply,
-    number,
-    power,
-    scale,
-    subtract,
-)
+from lockstep.check.expression.node import ONE, ZERO, Node, factors, function, linear_terms, multiply, number
 from lockstep.check.expression.switches import choose, negate, positive
 
 LARGEST_WHOLE_POWER = 1024
@@ -72,13 +57,13 @@ def _add(_: NoteTaker, a: Node, b: Node) -> Node:
             return choose(condition, first, third)
         if first is ZERO and third is ZERO:
             return choose(condition, second, other)
-    return add(a, b)
+    return a + b
 
 
 def _divide(reader: NoteTaker, a: Node, b: Node) -> Node:
     if not _is_exponential(b):
         reader.need("nonzero", "the division", b)
-    return ZERO if b is ZERO else divide(a, b)
+    return ZERO if b is ZERO else a / b
 
 
 def _is_exponential(x: Node) -> bool:
@@ -105,11 +90,9 @@ def _legs(x: Node) -> list[Node]:
     offset, terms = linear_terms(x)
     if offset < 0 or any(c < 0 or n.op != "monomial" or any(p % 2 for _, p in _powers(n)) for c, n in terms):
         return []
-    legs = [
-        multiply(function("sqrt", constant(c)), *(power(y, p // 2) for y, p in _powers(n))) for c, n in terms
-    ]
+    legs = [multiply(function("sqrt", c * ONE), *(y ** (p // 2) for y, p in _powers(n))) for c, n in terms]
     # The constant last: the slopes of the others then are a unit vector times one factor.
-    return [*legs, *([function("sqrt", constant(offset))] if offset else [])]
+    return [*legs, *([function("sqrt", offset * ONE)] if offset else [])]
 
 
 def _powers(node: Node) -> list[tuple[Node, int]]:
@@ -120,23 +103,23 @@ def _power(reader: NoteTaker, x: Node, y: Node) -> Node:
     exponent = number(y)
     if exponent is None:
         reader.need("positive", "the power with a varying exponent", x)
-        return function("exp", multiply(y, function("log", x)))
+        return function("exp", y * function("log", x))
     if exponent.denominator == 1 and abs(exponent) <= LARGEST_WHOLE_POWER:
         if exponent < 0:
             reader.need("nonzero", "the negative power", x)
-        return power(x, int(exponent))
+        return x ** int(exponent)
     reader.need("not negative" if exponent > 0 else "positive", f"the power {float(exponent)}", x)
     if exponent.denominator == 2 and abs(exponent) <= LARGEST_WHOLE_POWER:
-        return power(function("sqrt", x), int(2 * exponent))
+        return function("sqrt", x) ** int(2 * exponent)
     return function("real_power", x, data=exponent)
 
 
 def _sign_of(reader: NoteTaker, x: Node) -> Node:
     condition = positive(x)
     reader.need("decided", "`sign`", condition)
-    opposite = positive(scale(-1, x))
+    opposite = positive(-x)
     reader.need("decided", "`sign`", opposite)
-    return choose(condition, ONE, choose(opposite, constant(-1), ZERO))
+    return choose(condition, ONE, choose(opposite, -ONE, ZERO))
 
 
 def _if_else(reader: NoteTaker, condition: Node, value: Node, other: Node) -> Node:
@@ -152,10 +135,10 @@ def _atan2(reader: NoteTaker, y: Node, x: Node) -> Node:
 RULES: dict[str, Callable[..., Node]] = {
     "number": as_number,
     "add": numeric(_add),
-    "sub": numeric(lambda _, a, b: subtract(a, b)),
-    "mul": numeric(lambda _, a, b: multiply(a, b)),
+    "sub": numeric(lambda _, a, b: a - b),
+    "mul": numeric(lambda _, a, b: a * b),
     "div": numeric(_divide),
-    "neg": numeric(lambda _, x: scale(-1, x)),
+    "neg": numeric(lambda _, x: -x),
     "sqrt": numeric(_sqrt),
     "pow": numeric(_power),
     "exp": _plain("exp"),
@@ -174,8 +157,8 @@ RULES: dict[str, Callable[..., Node]] = {
     "fmin": numeric(lambda _, a, b: function("fmin", a, b)),
     "fmax": numeric(lambda _, a, b: function("fmax", a, b)),
     "sign": numeric(_sign_of),
-    "lt": numeric(lambda _, a, b: positive(subtract(b, a))),
-    "le": numeric(lambda _, a, b: negate(positive(subtract(a, b)))),
+    "lt": numeric(lambda _, a, b: positive(b - a)),
+    "le": numeric(lambda _, a, b: negate(positive(a - b))),
     "if_else": _if_else,
 }
 """The meaning of each operation: a node, of `NoteTaker` and the nodes it is applied to."""

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from lockstep.check.expression.node import (
-    ONE,
-    Node,
-    add,
-    constant,
-    function,
-    linear,
-    linear_terms,
-    multiply,
-    power,
-)
+from lockstep.check.expression.node import ONE, Node, add, constant, function, linear, linear_terms, multiply
 from lockstep.check.expression.switches import both, choose, negate, positive
 
 MOST_TERMS = 2_000
@@ -44,7 +34,7 @@ def rebuild(node: Node, args: Sequence[Node]) -> Node:
         offset, coefficients = node.data
         return linear(offset, zip(coefficients, args, strict=True))
     if node.op == "monomial":
-        return multiply(*(power(a, p) for a, p in zip(args, node.data, strict=True)))
+        return multiply(*(a**p for a, p in zip(args, node.data, strict=True)))
     if node.op == "positive":
         return positive(args[0], weak=bool(node.data))
     if node.op == "not":
@@ -78,7 +68,7 @@ def expand(node: Node) -> Node:
 def _expand_monomial(node: Node, args: Sequence[Node]) -> Node:
     result = ONE
     for arg, exponent in zip(args, node.data, strict=True):
-        repeated = [arg] * exponent if 0 < exponent <= 8 else [power(arg, exponent)]
+        repeated = [arg] * exponent if 0 < exponent <= 8 else [arg**exponent]
         for part in repeated:
             left, right = linear_terms(result), linear_terms(part)
             if (len(left[1]) + 1) * (len(right[1]) + 1) > MOST_TERMS:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from lockstep.check.expression import operations
-from lockstep.check.expression.node import ONE, ZERO, Node, function, linear, power, scale, subtract
+from lockstep.check.expression.node import ONE, ZERO, Node, function, linear, power, scale
 from lockstep.check.expression.operations import NoteTaker, numeric
 from lockstep.check.expression.switches import both, choose, either, negate, positive
 
@@ -50,8 +50,8 @@ RULES: Mapping[str, Callable[..., Node]] = {
     "copysign": numeric(_copysign),
     "expm1": numeric(lambda _, x: linear(-1, [(1, function("exp", x))])),
     "log1p": numeric(_log1p),
-    "eq": numeric(lambda _, a, b: negate(as_condition(subtract(a, b)))),
-    "ne": numeric(lambda _, a, b: as_condition(subtract(a, b))),
+    "eq": numeric(lambda _, a, b: negate(as_condition(a - b))),
+    "ne": numeric(lambda _, a, b: as_condition(a - b)),
     "not": lambda _, x: negate(as_condition(x)),
     "and": lambda _, a, b: both(as_condition(a), as_condition(b)),
     "or": lambda _, a, b: either(as_condition(a), as_condition(b)),

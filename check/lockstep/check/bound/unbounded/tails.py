@@ -14,19 +14,15 @@ from typing import Any
 
 from lockstep.check.expression.derivative import derivative
 from lockstep.check.expression.node import (
+    ZERO,
     Node,
     add,
-    constant,
-    divide,
     factors,
     function,
     intern,
     linear,
     linear_terms,
-    multiply,
-    power,
     product,
-    scale,
     variable,
 )
 from lockstep.check.expression.switches import positive
@@ -38,7 +34,7 @@ _DECAYING = frozenset({"exp", "sech2"})
 
 def on_tails(outputs: Sequence[Node], pattern: Pattern) -> list[Node]:
     """Return the outputs in the coordinates of the pattern, infinities cancelled; fit for differentiation."""
-    moved = {variable(k): scale(side, power(variable(k), -1)) for k, side in enumerate(pattern) if side}
+    moved = {variable(k): side / variable(k) for k, side in enumerate(pattern) if side}
     return _factor(substitute(outputs, moved), _tails(pattern)) if moved else list(outputs)
 
 
@@ -64,7 +60,7 @@ def _exponent(node: Node, s: Node) -> int:
 
 def _power(s: Node, halves: int) -> Node:
     """Return sqrt(s)^halves."""
-    return power(s, halves // 2) if halves % 2 == 0 else power(function("sqrt", s), halves)
+    return s ** (halves // 2) if halves % 2 == 0 else function("sqrt", s) ** halves
 
 
 def _without(node: Node, s: Node) -> Node:
@@ -79,17 +75,17 @@ def _factor_node(node: Node, s: Node) -> Node:
     if op == "linear":
         return _factor_sum(node, s)
     if op == "monomial":
-        return multiply(_power(s, _exponent(node, s)), _without(node, s))
+        return _power(s, _exponent(node, s)) * _without(node, s)
     if op == "sqrt" and node.args[0] is not s:
         p = _exponent(node.args[0], s)
         if p % 2 == 0:
-            return multiply(_power(s, p // 2), function("sqrt", _without(node.args[0], s)))
+            return _power(s, p // 2) * function("sqrt", _without(node.args[0], s))
     if op in ("fabs", "hypot", "direction"):
         p = min(_exponent(a, s) for a in node.args)
         if p >= 0:
             return node
-        inner = function(op, *(_factor_node(multiply(_power(s, -p), a), s) for a in node.args))
-        return inner if op == "direction" else multiply(_power(s, p), inner)
+        inner = function(op, *(_factor_node(_power(s, -p) * a, s) for a in node.args))
+        return inner if op == "direction" else _power(s, p) * inner
     if op == "positive" and _exponent(node.args[0], s) < 0:
         return positive(_without(node.args[0], s), weak=bool(node.data))
     return node
@@ -101,16 +97,12 @@ def _factor_sum(node: Node, s: Node) -> Node:
         return node
     growing = _fastest([x for _, n in terms for x in factors(n)[1] if _grows(x, s)], s)
     if growing is not None:  # 1 + exp(u) = exp(u) (1 + exp(-u)) where u goes to infinity
-        return multiply(
-            growing, linear(0, [(offset, power(growing, -1)), *((c, divide(x, growing)) for c, x in terms)])
-        )
+        return growing * linear(0, [(offset, growing**-1), *((c, x / growing) for c, x in terms)])
     lowest = min((_exponent(x, s) for _, x in terms if not _decays(x, s)), default=0)
     if lowest >= 0:
         return node
     lift = _power(s, -lowest)
-    return multiply(
-        _power(s, lowest), add(scale(offset, lift), *(scale(c, multiply(lift, x)) for c, x in terms))
-    )
+    return _power(s, lowest) * add(offset * lift, *(c * (lift * x) for c, x in terms))
 
 
 def _grows(node: Node, s: Node) -> bool:
@@ -138,7 +130,7 @@ def _laurent_terms(node: Node) -> tuple[tuple[Fraction, Node], ...]:
 def _fastest(candidates: list[Node], s: Node) -> Node | None:
     best: Node | None = None
     for x in candidates:
-        if best is None or _grows(divide(x, best), s):
+        if best is None or _grows(x / best, s):
             best = x
     return best
 
@@ -166,20 +158,20 @@ def _bounded_product(node: Node, tails: Sequence[Node]) -> Node:
     rest = {x: p for x, p in powers.items() if x not in part}
     index: Any = s.data
     whole = product(1, part)
-    logarithmic = add(*(scale(p, _relative_slope(x, index)) for x, p in part.items()))
+    logarithmic = add(*(p * _relative_slope(x, index) for x, p in part.items()))
     slope = _factor([logarithmic], tails)[0]
     end = substitute([whole], {s: intern("inner_end", (), index)})[0]
     others = [x for x in tails if x is not s]
     end = _bound_decay([end], others)[0] if others else end
     bounded = function("decreasing", whole, slope, end)
-    return multiply(bounded, product(1, rest))
+    return bounded * product(1, rest)
 
 
 def _relative_slope(x: Node, index: int) -> Node:
     """Return x'/x of a positive factor: a variable or its root, exp or sech^2."""
     if x.op == "sqrt":
-        return scale(Fraction(1, 2), _relative_slope(x.args[0], index))
+        return Fraction(1, 2) * _relative_slope(x.args[0], index)
     if x.op == "variable":
-        return power(x, -1) if x.data == index else constant(0)
+        return 1 / x if x.data == index else ZERO
     inner = derivative([x.args[0]], index)[0]
-    return inner if x.op == "exp" else scale(-2, multiply(function("tanh", x.args[0]), inner))
+    return inner if x.op == "exp" else -2 * (function("tanh", x.args[0]) * inner)

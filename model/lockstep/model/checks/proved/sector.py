@@ -18,7 +18,7 @@ from lockstep.check.bound.intervals import Interval
 from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, Undefined, divide, linear, linear_terms, variable
+from lockstep.check.expression.node import ZERO, Node, Undefined, linear, linear_terms, variable
 from lockstep.check.expression.traversal import expand, substitute
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import arguments_text
@@ -129,8 +129,8 @@ def _end(
 def _quotient(w: Node, j: int, sign: int) -> Node:
     """Return sign phi / v with powers cancelled term by term."""
     offset, terms = linear_terms(expand(w))
-    parts = [(sign * c, divide(x, variable(j))) for c, x in terms]
-    return linear(0, [*parts, *([(sign * offset, divide(linear(1, []), variable(j)))] if offset else [])])
+    parts = [(sign * c, x / variable(j)) for c, x in terms]
+    return linear(0, [*parts, *([(sign * offset, 1 / variable(j))] if offset else [])])
 
 
 def _points(lower: Ends, upper: Ends, j: int) -> np.ndarray:

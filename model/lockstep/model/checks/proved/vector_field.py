@@ -21,7 +21,7 @@ from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.derivative import derivative
-from lockstep.check.expression.node import ZERO, Node, Undefined, constant, linear, number, subtract, variable
+from lockstep.check.expression.node import ZERO, Node, Undefined, constant, linear, number, variable
 from lockstep.check.expression.traversal import order, substitute
 from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agents.agent import Agent
@@ -129,9 +129,9 @@ class Field:
 def smooth_on(nodes: Sequence[Node], lower: Ends, upper: Ends) -> bool:
     """Whether nodes surely have no kink in a box of (x, t), so that their derivatives there say what they say."""
     kinks = [
-        subtract(*node.args) if node.op in ("fmin", "fmax") else node if node.op == "hypot" else node.args[0]
-        for node in order(nodes)
-        if node.op in ("fabs", "fmin", "fmax", "hypot", "positive")
+        n.args[0] - n.args[1] if n.op in ("fmin", "fmax") else n if n.op == "hypot" else n.args[0]
+        for n in order(nodes)
+        if n.op in ("fabs", "fmin", "fmax", "hypot", "positive")
     ]
     ranges = Program(kinks).on_boxes(lower[:, None], upper[:, None]) if kinks else []
     return all(low[0] > 0 or high[0] < 0 for low, high in ranges)
