@@ -22,7 +22,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import LETTERS
 from lockstep.check.errors import demand
-from lockstep.check.numbers import Matrix, converter, is_exact, zeros
+from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 
 NO_NOISE = np.zeros(0)
@@ -227,13 +227,10 @@ def inputs_of(network: SampledNetwork) -> tuple[Matrix, Matrix]:
         known = [k for k, other in enumerate(different) if (other == B).all()]
         which.append(known[0] if known else len(different))
         different += [] if known else [B]
-    N, m, width = network.d.N, network.plant.B[0].shape[1], len(different)
-    spread = zeros((N - 1) * width * m, N * m, network.plant.A)
-    for i, k in enumerate(which):
-        for copy in range(N - 1):
-            for channel in range(m):
-                spread[(copy * width + k) * m + channel, i * m + channel] = network.d.T[copy, i]
-    return np.hstack(different), spread
+    T, like = network.d.T, network.plant.A
+    place, u = eye(len(different), like), eye(network.plant.B[0].shape[1], like)
+    spread = [np.kron(T[:, [i]], np.kron(place[:, [k]], u)) for i, k in enumerate(which)]
+    return np.hstack(different), np.hstack(spread)
 
 
 def _check(network: SampledNetwork, controllers: tuple[HeldController, ...]) -> None:
