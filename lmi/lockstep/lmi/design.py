@@ -111,7 +111,7 @@ def _designed(
         times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
         # Of many graphs there is no floor.
         far = times > near if best.floor else best.network.spectrum is None
-        before.append(wish.with_limit(f"rho was {times:.3g}{' floors' * bool(best.floor)}"))
+        before.append(wish.with_limit(f"rho was {times:.3g}{' times its lower bound' * bool(best.floor)}"))
         over = stop.asked or (deadline is not None and time.monotonic() >= deadline)
         if over or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
