@@ -74,15 +74,13 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     asked = figures.get("defaults")
     if not asked:
         return {}
-    given_up, shown = (
-        asked.get("given_up"),
-        {key: _unlike_one(asked[key]) for key in asked if key != "given_up"},
-    )
+    shown = {key: _unlike_one(value) for key, value in asked.items() if key != "given_up"}
     said = ", ".join(f"{key} = {toml_text(value)}" for key, value in shown.items() if value)
-    return {"by default": "; ".join(filter(None, [said, given_up]))}
+    return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 
 def _unlike_one(value: Any) -> Any:
+    """Return a table without what is 1, which it is where nobody names it."""
     return {k: v for k, v in value.items() if v != 1.0} if isinstance(value, Mapping) else value
 
 
