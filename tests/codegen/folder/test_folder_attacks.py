@@ -288,7 +288,7 @@ def test_an_older_generator_is_told_apart_and_to_be_generated_again(folder):
     code, answer = certify(folder)
     assert code == 1
     (line,) = [line for line in answer["differences"] if line.startswith("include/arm2.h")]
-    assert "WHAT IT TAKES" in line and answer["error"]["message"].endswith("generate it again")
+    assert "WHAT IT TAKES" in line and "generate it again" in answer["error"]["message"]
     assert not answer["certified"], "a folder is what its text says, too"
     assert answer["design"]["certified"] and answer["sampled"]["certified"], (
         "what is proved of the numbers in the C still is"

@@ -22,6 +22,8 @@ def decide(
     for weights in (certificate.m, certificate.t, certificate.m_entries.ravel()):
         if np.any(weights < 0):
             return Definiteness(False, "sign of a multiplier", least := float(weights.min()), value=least)
+    if (certificate.P != certificate.P.T).any():
+        return Definiteness(False, "P is not symmetric", float("nan"))
     answer = decide_weights(claim)
     if not answer.positive:
         return answer
