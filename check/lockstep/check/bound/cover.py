@@ -16,7 +16,7 @@ from lockstep.check.bound import intervals
 from lockstep.check.bound.enclosure import Boxes
 from lockstep.check.bound.intervals import INF
 from lockstep.check.bound.objective import Objective
-from lockstep.check.bound.unbounded.charts import Chart, Enclosure
+from lockstep.check.bound.unbounded.charts import Chart, Enclosure, to_v
 from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.expression.node import Node, linear_terms
 from lockstep.check.expression.traversal import order
@@ -114,13 +114,26 @@ class Cover:
         small = pool.depth >= HALVINGS * max(1, len(self.searched))
         return np.asarray((pool.split < 0) | (np.isinf(pool.bound) & small))
 
-    def reached(self, found: Enclosure) -> PerBox:
-        """Return slopes provably reached at the middles: lower bounds of |J|; -1 for a box in which it may have no value."""
-        low, high = found.at_middle
+    def slope_at(self, point: Annotated[np.ndarray, " variables"]) -> float:
+        """Return a slope provably reached at a point of (v, t, angles): a lower bound of |J| there, -1 if none is."""
+        here = point[:, None]
+        if not all(held.all() for held in self.objective.conditions.on_boxes(here, here)):
+            return -1.0
+        low, high = self.chart((0,) * self.count).point_program.on_boxes(here, here)[0]
+        if not self.objective.squared:
+            return float(intervals.mignitude((low, high))[0])
+        return float(intervals.root((np.maximum(low, 0.0), np.maximum(high, 0.0)))[0][0])
+
+    def middle_above(
+        self, pattern: Pattern, found: Enclosure, level: float
+    ) -> Annotated[np.ndarray, " variables"] | None:
+        """Return the middle with the largest slope, in the coordinates of v, if that may be above the level."""
         lowest = intervals.mignitude(found.at_middle)
-        if self.objective.squared:
-            lowest = intervals.root((np.maximum(low, 0.0), np.maximum(high, 0.0)))[0]
-        return np.where(found.defined, lowest, -1.0)
+        best = int(np.argmax(lowest))
+        if lowest[best] <= (level * level if self.objective.squared else level):
+            return None
+        point = to_v(found.middle[:, best], pattern)
+        return point if np.isfinite(point).all() else None
 
     def _bound(self, found: Enclosure) -> PerBox:
         with np.errstate(all="ignore"):

@@ -20,7 +20,6 @@ from lockstep.check.bound.cover import Cover, Examined, Part, Pool
 from lockstep.check.bound.phi import ExactPhi
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.bound.slopes import Block, Given, SlopeProblem
-from lockstep.check.bound.unbounded.charts import to_v
 from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
@@ -182,20 +181,19 @@ def _witness(
 ) -> Verdict | None:
     """Return a refutation if the slope is provably above the level at the middle of a box, a point of the domain.
 
-    `v` is that point, rounded where it is 1 / s on a tail.
     Above the level where the functions of a relaxed cover are independent, it says only that no proof will come from there.
     """
     for found in examined.enclosures:
-        slopes = cover.reached(found)
-        best = int(np.argmax(slopes))
-        slope, point = float(slopes[best]), to_v(found.middle[:, best], pattern)
-        if not (slope > level and np.isfinite(point).all()):
+        point = cover.middle_above(pattern, found, level)
+        slope = -1.0 if point is None else cover.slope_at(point)
+        if point is None or slope <= level:
             continue
         if problem is None:
             return Verdict("undecided", f"a slope of {slope!r} is reached with independent functions")
         point = point[: len(problem.lower)]
         # Across a side without width there is no difference of phi.
-        if (problem.lower[:-1] < problem.upper[:-1]).all():
+        wide = problem.lower[:-1] < problem.upper[:-1]
+        if wide.all() and ((point >= problem.lower) & (point <= problem.upper)).all():
             figures = {"v": point[:-1].tolist(), "t": float(point[-1]), "slope": slope}
             return Verdict("refuted", f"a slope of {slope!r} is reached, above {level!r}", figures)
     return None
