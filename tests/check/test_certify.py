@@ -286,6 +286,7 @@ def test_c_that_is_not_the_designs_is_no_proof(
         (("problem", "network", "edges", 0, 0), 10**30),
         (("proofs", "bound", "boxes"), True),
         (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/0"}]),
+        (("proofs", "bound", "moves"), [{"component": 1, "argument": 1, "amount": "1/00"}]),
         (("proofs", "sampled", "P"), [[1.0], []]),
         (("proofs", "certificate", "m"), [1.0]),
     ],

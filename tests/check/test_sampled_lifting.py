@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import lifted_if_regular, no_conjugate_point
 from lockstep.check.sampled.lifting import copies, lift
 
 
@@ -118,3 +118,13 @@ def test_units_of_the_states_decide_nothing_about_conjugate_points():
     E, F = exactly(np.array([[0.0], [1.8e9]])), exactly(np.array([[1.0, 0.0]]))
     assert no_conjugate_point(A, E @ E.T, F.T @ F, 1e-6)
     assert not no_conjugate_point(A, E @ E.T * fmpq(10) ** 8, F.T @ F, 1e-6)
+
+
+def test_inputs_in_units_that_the_balls_do_not_hold_are_no_proof_and_no_error():
+    """Gamma_11 holds B': with u in units of 2^-300 it is not inverted in these balls, though no conjugate point is near."""
+    A, one = exactly(np.array([[0.0, 1.0], [0.0, -1.0]])), exactly(np.eye(2))
+    near, far = (exactly(np.array([[0.0], [2.0**k]])) for k in (10, 300))
+    assert lifted_if_regular(A, near, one, one, 0.1) is not None
+    with pytest.raises(ZeroDivisionError):
+        lift(A, far, one, one, 0.1)
+    assert lifted_if_regular(A, far, one, one, 0.1) is None

@@ -17,10 +17,10 @@ import numpy as np
 
 from lockstep.check.numbers import Matrix, exact, exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import lifted_if_regular
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Omega_matrix, Witness, metric, multiplier
-from lockstep.check.sampled.lifting import Lifted, copies, lift
+from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 
 ROUNDED_UP = 1 + 1e-9
@@ -86,7 +86,7 @@ def lifted_agent(loop: SampledLoop) -> Lifted | None:
     None unless the period is shown to hold no conjugate point.
     """
     A, squares, period = loop.network.plant.A, loop.network.squares, loop.network.period
-    return lift(A, loop.into, *squares, period) if no_conjugate_point(A, *squares, period) else None
+    return lifted_if_regular(A, loop.into, *squares, period)
 
 
 def proves(exact_loop: SampledLoop, one: Lifted | None, witness: Witness) -> bool:

@@ -13,6 +13,7 @@ from flint import arb
 
 from lockstep.check.numbers import Matrix, as_floats, exact, exactly
 from lockstep.check.sampled.balls import exponential, inverse, midpoints, product, working_precision
+from lockstep.check.sampled.lifting import Lifted, lift
 
 MOST_PIECES = 1024
 """Pieces tried before giving up; one to sixteen are enough for periods a controller is sampled with."""
@@ -52,6 +53,18 @@ def no_conjugate_point(A: Matrix, EE: Matrix, CC: Matrix, period: float) -> bool
                 return False
             pieces += [(low, middle), (middle, high)]
     return False
+
+
+def lifted_if_regular(A: Matrix, B: Matrix, EE: Matrix, CC: Matrix, period: float) -> Lifted | None:
+    """Return what `lift` does in balls; None unless it is shown that the period holds no conjugate point."""
+    if not no_conjugate_point(A, EE, CC[: len(A), : len(A)], period):
+        return None
+    try:
+        return lift(A, B, EE, CC, period)
+    except (
+        ZeroDivisionError
+    ):  # inputs in units so small that Gamma_11, which holds B', is not inverted in these balls
+        return None
 
 
 def _is_regular(balls: Matrix) -> bool:

@@ -51,7 +51,7 @@ def discretise(
 ) -> Annotated[np.ndarray, "nc+m nc+q"]:
     """Sample x' = A x + B r, u = C x + D r with the period T_s in s; return [A_d B_d; C_d D_d], of x+ and u, in float64.
 
-    Raises `ProblemError` if Theta = I - A T_s/2 is singular (tustin), if a result exceeds float64, or if T_s <= 0.
+    Raises `ProblemError` if Theta = I - A T_s/2 is singular (tustin), or if a result exceeds float64; T_s > 0.
 
     >>> import numpy as np
     >>> one = np.ones((1, 1))

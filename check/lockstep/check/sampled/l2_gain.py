@@ -14,17 +14,14 @@ M and S do not commute, so all of x_d is lifted at once, and anew for each M and
 here; looking for small ones is not done here.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, converter, eye, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import admitted_multiplier
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import lifted_if_regular
 from lockstep.check.sampled.inequality import Omega_matrix, Witness
-from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop
 
 
@@ -44,11 +41,10 @@ def dissipates(exact_loop: SampledLoop, weights: Performance, witness: Witness, 
     M, network = admitted_multiplier(exact_loop, witness), exact_loop.network
     if M is None:
         return False
-    EE, CC = ways(exact_loop, weights, M, rho)
-    if not no_conjugate_point(np.kron(eye(network.d.N - 1, M), network.plant.A), EE, CC, network.period):
-        return False
-    lifted, running = lift_all(exact_loop, EE, CC), running_cost(exact_loop, weights, rho)
-    return balls.is_positive_definite(Omega_matrix(exact_loop, lifted, witness, running))
+    A, B = (np.kron(eye(network.d.N - 1, M), one) for one in (network.plant.A, exact_loop.into))
+    one = lifted_if_regular(A, B, *ways(exact_loop, weights, M, rho), network.period)
+    running = running_cost(exact_loop, weights, rho)
+    return one is not None and balls.is_positive_definite(Omega_matrix(exact_loop, one, witness, running))
 
 
 def running_cost(loop: SampledLoop, weights: Performance, rho: float) -> Matrix:
@@ -75,12 +71,3 @@ def ways(loop: SampledLoop, weights: Performance, M: Matrix, rho: float) -> tupl
     scale = number(np.diag(weights.states)) if len(weights.states) else eye(len(GG), M)
     EE = np.kron(balls.inverse(M), GG) + np.kron(balls.inverse(S), scale * scale) / square
     return EE, np.kron(M, HH) + np.kron(S, number(weights.R))
-
-
-def lift_all(
-    loop: SampledLoop, EE: Matrix, CC: Matrix, exponential: Callable[[Matrix], Matrix] = balls.exponential
-) -> Lifted:
-    """Return one period of x_d: all agents at once."""
-    unit = eye(loop.network.d.N - 1, loop.held)
-    A, B = np.kron(unit, loop.network.plant.A), np.kron(unit, loop.into)
-    return lift(A, B, EE, CC, loop.network.period, exponential)

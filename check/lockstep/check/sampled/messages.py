@@ -80,11 +80,11 @@ import numpy as np
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix, block_diagonal, converter, exactly, eye, is_exact, zeros
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate_points import no_conjugate_point
+from lockstep.check.sampled.conjugate_points import lifted_if_regular
 from lockstep.check.sampled.controller import SampledNetwork
 from lockstep.check.sampled.inequality import multiplier, step_matrix, stored_matrix
 from lockstep.check.sampled.l2_gain import running_cost
-from lockstep.check.sampled.lifting import Lifted, lift
+from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
 
@@ -126,11 +126,10 @@ def proves_messages(
             balls.is_positive_definite(one) for one in Omegas_2(exact_loop, messages, witness, running)
         ):
             return False
-        A, B, EE, CC = parts
-        if not no_conjugate_point(A, EE, CC[: len(A), : len(A)], exact_loop.network.period):
-            return False
-        lifted = lift(A, B, EE, CC, exact_loop.network.period)
-        return balls.is_positive_definite(Omega_1(exact_loop, lifted, messages, witness, running))
+        one = lifted_if_regular(*parts, exact_loop.network.period)
+        return one is not None and balls.is_positive_definite(
+            Omega_1(exact_loop, one, messages, witness, running)
+        )
 
 
 def period_parts(

@@ -16,8 +16,8 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import Matrix
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, multiplier
-from lockstep.check.sampled.l2_gain import lift_all, proves_rho, running_cost, ways
-from lockstep.check.sampled.lifting import Lifted
+from lockstep.check.sampled.l2_gain import proves_rho, running_cost, ways
+from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, is_large, priced
 from lockstep.lmi.sampled.loop_gain import best_multiplier
@@ -113,7 +113,8 @@ def lifted_with_performance(loop: SampledLoop, weights: Performance, M: Matrix, 
     """Return one period of x_d in doubles with the disturbance and the weighted state, for a multiplier and a rho."""
     from scipy.linalg import expm
 
-    return lift_all(loop, *ways(loop, weights, M, rho), expm)
+    A, B = (np.kron(np.eye(loop.network.d.N - 1), one) for one in (loop.network.plant.A, loop.into))
+    return lift(A, B, *ways(loop, weights, M, rho), loop.network.period, expm)
 
 
 @dataclass(frozen=True, eq=False)
