@@ -176,7 +176,7 @@ def singular_values_figure(spectrum: Spectrum, rho: float | None) -> "Figure":
     axes.set_ylim(top * 1e-4, top * 2)
     axes.margins(x=0)
     axes.set_xlabel("frequency in rad/s")
-    axes.set_title("singular values, disturbances to weighted disagreement")
+    axes.set_title("singular values, disturbances to disagreement")
     logarithmic(axes.xaxis, axes.yaxis)
     legend(figure, axes, 3)
     return figure
