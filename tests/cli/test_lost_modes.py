@@ -138,3 +138,18 @@ def test_a_mode_that_is_lost_only_where_slopes_are_around_zero_asks_for_a_domain
     status, answer = run("check", "problem.toml", problem=text(PENDULUM | {"w": "sin(w)"}, ("a", "b"), 1))
     assert status == 2
     assert "[agent.domain]" not in answer["error"]["remedy"]
+
+
+def test_where_nothing_may_count_in_a_no_domain_is_advised(tmp_path) -> None:
+    """p' = v, v' = u - 5 sin(p), v measured: sin counts in A on a domain, and not where `alpha` is asked of phi as written."""
+    path = tmp_path / "p.toml"
+    asked = text({"p": "v", "v": "u - 5*sin(p)"}, ("v",), 0).replace(
+        "[agent]", "[agent]\ndomain = { p = [-1, 1] }"
+    )
+    path.write_text(asked)
+    assert CliRunner().invoke(app, ["check", str(path)]).exit_code == 0
+    path.write_text(asked.replace("[design]", "[design]\nalpha = 6.0"))
+    refused = CliRunner().invoke(app, ["check", str(path)])
+    assert refused.exit_code == 2
+    assert "name neither `centre = false` nor [design] alpha" in refused.stderr
+    assert "give [agent.domain]" not in refused.stderr

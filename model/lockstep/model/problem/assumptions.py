@@ -67,8 +67,15 @@ def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observabil
     """Say, before what is lost and as the first remedy, where A may lack what phi does.
 
     That is sqrt(x) or q/h without a domain, whose slopes have no middle to move into A; or sin(x), whose slopes are around
-    zero on the whole line, though no mode is lost at the origin; or sqrt(1 + x) on a domain that reaches -1.
+    zero on the whole line, though no mode is lost at the origin; or sqrt(1 + x) on a domain that reaches -1. Where nothing is
+    moved into A, since the file says so, no domain helps.
     """
+    if not agent.centre:
+        counts = modes(_at_the_origin(agent)).unstable_eigenvalue is None
+        return (
+            "",
+            "name neither `centre = false` nor [design] alpha, and slopes of phi count in A; or " * counts,
+        )
     endless = np.isinf(agent.box).any(axis=1) & agent.lure.H.any(axis=0)
     free = ", ".join(np.array(agent.states)[endless])
     finite = agent.centring.reason not in (NO_SLOPES, GROWING)
