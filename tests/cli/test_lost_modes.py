@@ -141,7 +141,7 @@ def test_a_mode_that_is_lost_only_where_slopes_are_around_zero_asks_for_a_domain
 
 
 def test_where_nothing_may_count_in_a_no_domain_is_advised(tmp_path) -> None:
-    """p' = v, v' = u - 5 sin(p), v measured: sin counts in A on a domain, and not where `alpha` is asked of phi as written."""
+    """p' = v, v' = u - 5 sin(p), v measured: on a domain sin counts in A, but not where `alpha` is of phi as written."""
     path = tmp_path / "p.toml"
     asked = text({"p": "v", "v": "u - 5*sin(p)"}, ("v",), 0).replace(
         "[agent]", "[agent]\ndomain = { p = [-1, 1] }"
