@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.numbers import as_floats
-from lockstep.check.sampled.certificate import SampledVerdict, decide_sampled, refused
+from lockstep.check.sampled.certificate import TOO_LONG, SampledVerdict, decide_sampled, refused
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.lifting import Lifted, lift
@@ -91,7 +91,7 @@ def certify_sampled(
         if verdict.certified:
             return replace(verdict, figures=figures)
         said = verdict.reason
-    rounded = thorough and "conjugate point" not in said  # of the agents alone, which no gain moves
+    rounded = thorough and TOO_LONG not in said  # of the agents alone, which no gain moves
     if rounded and next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
         said += f": {ROUNDED}"
     return replace(refused(network, controllers, said), figures=figures)
