@@ -88,6 +88,5 @@ def test_a_narrow_terminal_shows_all_that_is_said_and_the_clock_goes_on(monkeypa
             narrow.print(bars.get_renderable())
     lines = [Text.from_ansi(line).plain.rstrip() for line in shown.get().splitlines()]
     assert max(map(len, lines)) <= 40
-    known = said.removesuffix(", this search likely 8 s to 40 s")
-    assert f"{known}, about 20 s left" in " ".join(lines)
+    assert f"{said}, about 20 s left" in " ".join(lines)
     assert any("0:00:0" in line for line in lines)

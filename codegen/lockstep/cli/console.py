@@ -125,7 +125,7 @@ class Doing(Progress):
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """Return both."""
-        said = (self.left.beside(one.description) for one in self.tasks)
+        said = (", ".join(filter(None, (one.description, self.left.text()))) for one in self.tasks)
         yield from (Text(one, overflow="fold", no_wrap=False) for one in said)
         yield self.make_tasks_table(self.tasks)
 

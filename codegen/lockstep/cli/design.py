@@ -10,7 +10,7 @@ from lockstep.cli.console import Answer, left_from_before, progress_display, rem
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
 from lockstep.model.agents.arguments import units_text
-from lockstep.model.plain_json import toml_text
+from lockstep.model.problem.tables.toml_text import value_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
@@ -75,7 +75,7 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     if not asked:
         return {}
     shown = {key: _unlike_one(value) for key, value in asked.items() if key != "given_up"}
-    said = ", ".join(f"{key} = {toml_text(value)}" for key, value in shown.items() if value)
+    said = ", ".join(f"{key} = {value_text(value)}" for key, value in shown.items() if value)
     return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
 
 

@@ -17,7 +17,7 @@ from lockstep.codegen.message_claims import said_of_messages
 from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, MessageLimits, Neighbour, Signal
-from lockstep.lmi.analysis.decimals import below
+from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
@@ -225,7 +225,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
-        "alpha": float(below(claims.alpha, 6)),
+        "alpha": round_down(claims.alpha, 6),
         **delta,
         "decay": None
         if claims.decay is None

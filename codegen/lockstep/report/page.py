@@ -12,7 +12,7 @@ from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.analysis.decimals import above
 from lockstep.lmi.document import answer
-from lockstep.model.plain_json import toml_text
+from lockstep.model.problem.tables.toml_text import value_text
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
 from lockstep.report.certificate_terms import terms_of
@@ -88,7 +88,7 @@ def _asked(facts: Facts) -> Iterator[tuple[str, str]]:
         key: value for key, value in tables["design"].items() if key != "gains" and value not in (None, {})
     }
     limits = {"[agent.limits]": tables["agent"]["limits"]} if tables["agent"].get("limits") else {}
-    yield from ((key, toml_text(value)) for key, value in (asked | limits).items())
+    yield from ((key, value_text(value)) for key, value in (asked | limits).items())
     if given_up := figures.get("defaults", {}).get("given_up"):
         yield "by default, before that", given_up
 

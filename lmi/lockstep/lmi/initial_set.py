@@ -24,7 +24,7 @@ from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.numbers import Matrix, as_floats, as_fraction, exact, rounded_down
 from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.network import ExactNetwork
-from lockstep.lmi.analysis.decimals import below
+from lockstep.lmi.analysis.decimals import below, round_down
 from lockstep.lmi.design_json import initial_set_document
 
 
@@ -148,4 +148,4 @@ def _root_below(square: Fraction) -> float:
 
 def sampled_rate(decay: float | None, period: float) -> float | None:
     """Return the rate in 1/s of a disagreement whose V falls by a factor a sample, rounded down; None without one."""
-    return float(below(-math.log(decay) / (2 * period))) if decay and decay < 1 else None
+    return round_down(-math.log(decay) / (2 * period)) if decay and decay < 1 else None

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
@@ -25,17 +25,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def toml_text(value: Any) -> str:
-    """Return a value as a problem file would have it; None and empty tables are left out of a table.
-
-    >>> toml_text({"u": [0.002], "outputs": {"y1": 3.0e-5}, "states": None, "on": True, "method": "certified"})
-    '{ u = [0.002], outputs = { y1 = 3e-05 }, on = true, method = "certified" }'
-    """
-    if isinstance(value, Mapping):
-        parts = (f"{key} = {toml_text(one)}" for key, one in value.items() if one not in (None, {}))
-        return f"{{ {', '.join(parts)} }}"
-    if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)
-    return f"[{', '.join(map(toml_text, value))}]" if isinstance(value, Sequence) else f"{value:g}"

@@ -227,9 +227,14 @@ def test_how_fast_loops_came_is_said_of_gains_that_are_too_slow() -> None:
         agent="limits = { u = [-0.2, 0.2] }",
         design="order = 0\nstarts = 1\ndecay = 0.2\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]",
     )
-    given_up = design(posed, jobs=1).figures["defaults"]["given_up"]
-    told = re.match(
+    told = list[tuple[str, float]]()
+    found = design(posed, jobs=1, progress=lambda what, part: told.append((what, part)))
+    searched = [(what, part) for what, part in told if "searching for gains up to 0.05" in what]
+    assert {"this search likely" in what for what, part in searched if part == 0} == {True}
+    assert {"this search likely" in what for what, part in searched if part > 0} == {False}
+    given_up = found.figures["defaults"]["given_up"]
+    came = re.match(
         r"no loop decayed at 0\.2 1/s \(the fastest at ([\d.]+)\) within gain_limit 0\.05", given_up
     )
-    assert told is not None
-    assert 0.015 < float(told[1]) < 0.0252
+    assert came is not None
+    assert 0.015 < float(came[1]) < 0.0252

@@ -170,9 +170,7 @@ def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
 def test_losses_by_chance_are_told_apart_from_those_in_a_row():
     assert Messages(0.2).text == "a chance of loss of at most 0.2"
     assert Messages(0.2, 2).text == "a chance of loss of at most 0.2, besides up to 2 lost in a row"
-    assert (
-        Messages(0.0, 1, (0, 1), 0.1).text == "up to 1 lost in a row, up to 1 periods late, a jitter of 0.1"
-    )
+    assert Messages(0.0, 1, (0, 1), 0.1).text == "up to 1 lost in a row, up to 1 period late, a jitter of 0.1"
 
 
 def test_limits_stand_on_both_sides():

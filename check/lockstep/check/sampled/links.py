@@ -37,7 +37,7 @@ class Messages:
         said = (
             (self.loss, f"a chance of loss of at most {self.loss:g}"),
             (self.burst, f"{'besides ' * bool(self.loss)}up to {self.burst} lost in a row"),
-            (self.delay[1], f"up to {self.delay[1]} periods late"),
+            (self.delay[1], f"up to {self.delay[1]} period{'s' * (self.delay[1] > 1)} late"),
             (self.jitter, f"a jitter of {self.jitter:g}"),
         )
         return ", ".join(text for happens, text in said if happens) or "every message in time"

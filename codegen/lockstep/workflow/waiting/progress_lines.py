@@ -76,4 +76,5 @@ class ProgressLines:
             return
         self._written, self._wrote = phase, now
         done = f", {self._part:.0%} done" if self._part > 0 else ""
-        self._write(f"lockstep: {self._left.beside(f'{self._what}{done}, {now - self._began:.0f} s')}")
+        left = self._left.text()
+        self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")

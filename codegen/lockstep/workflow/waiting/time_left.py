@@ -1,14 +1,10 @@
 """How long what is being done may still take, from the part that is done and the time that it took."""
 
-import re
 import time
 from collections.abc import Callable
 
 SETTLED = 0.05
 """The part that has to be done before anything is said: what a few per cent took says little."""
-
-LIKELY = ", this search likely [^,]*"
-"""What is said of a search before it begins."""
 
 PATIENCE = 3.0
 """Seconds before anything is said."""
@@ -55,10 +51,6 @@ class TimeLeft:
             return ""
         left = took * (1.0 - self._part) / done - (now - self._told)
         return f"about {seconds_text(left)} left" if left > 0 else "soon"
-
-    def beside(self, said: str) -> str:
-        """Return what is being done with the time left; where that is known, without what was likely before it began."""
-        return f"{re.sub(LIKELY, '', said)}, {left}" if (left := self.text()) else said
 
 
 def seconds_text(seconds: float) -> str:

@@ -8,49 +8,39 @@ from jaxtyping import Float
 
 
 def round_up(value: float, digits: int = 4) -> float:
-    """Round up to so many significant decimals.
+    """Round up to so many significant digits of the decimal that names the double: what a file says is kept as it is.
 
-    >>> round_up(13.2323, 4)
-    13.24
+    >>> round_up(13.2323, 4), round_up(3.449), round_up(1137429.5, 2)
+    (13.24, 3.449, 1200000.0)
     """
-    if value <= 0 or not math.isfinite(value):
-        return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    rounded = float(f"{math.ceil(value / unit - 1e-9) * unit:.{digits}g}")
-    return rounded if rounded >= value else float(f"{rounded + unit:.{digits}g}")
+    return _rounded(value, digits, ROUND_CEILING)
 
 
 def round_down(value: float, digits: int = 4) -> float:
-    """Round a number above 0 down to so many significant decimals.
+    """Round down, as `round_up` does.
 
-    >>> round_down(1.95668), round_down(1.9566), round_down(12503.0), round_down(0.0312399)
-    (1.956, 1.956, 12500.0, 0.03123)
+    >>> round_down(1.95668), round_down(0.005506), round_down(12503.0), round_down(0.0312399)
+    (1.956, 0.005506, 12500.0, 0.03123)
     """
-    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    short = float(f"{math.floor(value / unit) * unit:.{digits}g}")
-    return short if short <= value else float(f"{short - unit:.{digits}g}")
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def _rounded(value: float, digits: int, rounding: str) -> float:
+    return float(Context(prec=digits, rounding=rounding).create_decimal(repr(float(value))))
 
 
 def below(value: float, digits: int = 4) -> str:
-    """Return a lower bound, as decimals name it, in so many digits, rounded down: rounded up it would claim more.
-
-    >>> below(0.87749999), below(0.005506), below(float("inf"))
-    ('0.8774', '0.005506', 'inf')
-    """
-    return (
-        f"{float(Context(prec=digits, rounding=ROUND_FLOOR).create_decimal(repr(float(value)))):.{digits}g}"
-    )
+    """Return a lower bound as text, rounded down: rounded up it would claim more than is proved."""
+    return f"{round_down(value, digits):.{digits}g}"
 
 
 def above(value: float, digits: int = 4) -> str:
-    """Return an upper bound in so many digits, rounded up.
+    """Return an upper bound as text, rounded up.
 
-    >>> above(1137429.5, 2), above(3.449), above(3.44901)
-    ('1.2e+06', '3.449', '3.45')
+    >>> above(1137429.5, 2), above(float("inf"))
+    ('1.2e+06', 'inf')
     """
-    return (
-        f"{float(Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(float(value)))):.{digits}g}"
-    )
+    return f"{round_up(value, digits):.{digits}g}"
 
 
 def rounded_storage(P: Float[np.ndarray, "n n"], digits: int) -> Float[np.ndarray, "n n"]:

@@ -113,8 +113,10 @@ def searched(
         modes = equal_gains(problem, decaying, claim, rate)
         search = GainSearch.of(decaying.loop(problem.order), claim, problem.gain_limit, lag, rate, modes)
         of = f"{table.gain_limit:g}{' in [design.gain_units]' if table.gain_units else ''}"
-        doing = f"searching for gains up to {of}, this search likely {likely(search, table.starts, jobs)}"
-        told = {"tell": partial(tell, doing), "deadline": deadline}
+        told = {
+            "tell": partial(_tell_search, tell, of, likely(search, table.starts, jobs)),
+            "deadline": deadline,
+        }
         effort: dict[str, Any] = {"score": score, "rho": rho, "jobs": jobs, **told}
         with stop.searching():
             found = search_gains(search, starts=table.starts, seed=table.seed + anew * DRAWN_ANEW, **effort)
@@ -154,6 +156,11 @@ def searched(
     said, why = hint(problem, network, claim)
     said = said or "; name other weights, or a decay, or take units in which states and gains are near one"
     raise NotCertified(f"{refused}{said}", **refused.figures, **why)
+
+
+def _tell_search(tell: Callable[[str, float], None], limit: str, likely: str, part: float) -> None:
+    """Tell of a search how long it is likely to take, until a part of it is done, which says more."""
+    tell(f"searching for gains up to {limit}{f', this search likely {likely}' * (part == 0)}", part)
 
 
 def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:

@@ -34,7 +34,7 @@ from lockstep.lmi.shapes import PairWeights, Vector
 SCALES = range(-6, 7)
 """Powers of ten that pair weights are tried with where only their ratios are known."""
 
-MULTIPLES = (1.0, 0.1, 10.0, 100.0)
+MULTIPLES = (1.0, 0.1, 10.0, 100.0, 1e3)
 """Of pair weights in a scale that is another loop's: the least for the continuous loop may hardly hold the sampled one."""
 
 KEPT = 0.98

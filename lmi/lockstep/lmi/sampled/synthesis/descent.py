@@ -20,6 +20,7 @@ from jaxtyping import Complex
 
 from lockstep.lmi.analysis.gain_limit import limit_barrier, within
 from lockstep.lmi.quasi_newton import descend
+from lockstep.lmi.sampled.l2_gain import MULTIPLES
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
 from lockstep.lmi.search.stabilise import abscissa
 from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights, Vector
@@ -44,9 +45,6 @@ FIRST = 0.95
 
 RECOVERIES, FEW = 12, 15
 """At most so many short descents to bring a start back, and the iterations of each."""
-
-LOG_SCALES = np.log([1.0, 0.1, 10.0, 100.0])
-"""Of a multiplier with which a start is not brought back: it is that of another loop, which needs less of w or of z."""
 
 LARGE_RHO = 1e3
 """Times the largest rho of the continuous loop: where the response around phi alone counts."""
@@ -130,7 +128,7 @@ class Descent:
             here = mean(point)
             if here is None or here.value < BACK:
                 return None if here is None else point
-            scaled = [replace(point, logs=point.logs + scale) for scale in LOG_SCALES]
+            scaled = [replace(point, logs=point.logs + scale) for scale in np.log(MULTIPLES)]
             found = [(at.value, k) for k, one in enumerate(scaled) if (at := mean(one)) is not None]
             point = scaled[min(found)[1]]
             point = self._descended(point, mean, first.weight, FEW)

@@ -20,7 +20,7 @@ from lockstep.check.sampled.controller import PRECISIONS, HeldController, Sample
 from lockstep.check.sampled.sector import Sector
 from lockstep.lmi.analysis.gain_limit import within
 from lockstep.lmi.analysis.unit_scaling import Units, plant_in_units
-from lockstep.lmi.sampled.l2_gain import least_in_scales
+from lockstep.lmi.sampled.l2_gain import MULTIPLES, least_in_scales
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective
 from lockstep.lmi.sampled.synthesis.tustin import tustin
@@ -31,9 +31,6 @@ from lockstep.model.loop_transformation.natural_units import natural
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
-
-SCALES = (1.0, 0.1, 10.0, 100.0, 1e3)
-"""Of multipliers whose scale is another problem's, against the weights of rho."""
 
 NEARBY = (1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
 """Of the multipliers that a descent ends with: they are the least for its rho, and a power mean is below the peak."""
@@ -105,7 +102,7 @@ class AtPeriod:
 
 
 def measured(
-    at: AtPeriod, K: GainBlocks, m: PairWeights, scales: Sequence[float] = SCALES
+    at: AtPeriod, K: GainBlocks, m: PairWeights, scales: Sequence[float] = MULTIPLES
 ) -> SampledCandidate | None:
     """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
     try:

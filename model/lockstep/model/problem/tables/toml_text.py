@@ -1,5 +1,6 @@
 """A problem as the text of a TOML file: the keys that differ from their defaults, each number as it is."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from lockstep.model.problem.tables.schema import ProblemFile
@@ -47,6 +48,26 @@ def toml_text(file: ProblemFile) -> str:
     document = tomlkit.item(tables)
     _break_lines(document)
     return tomlkit.dumps(document)
+
+
+def value_text(value: Any) -> str:
+    """Return one value, in a line, as a problem file would have it.
+
+    >>> value_text({"input": [0.002], "outputs": {"y1": 3.0e-5, "y2": 1.0}}), value_text(True), value_text("certified")
+    ('{input = [0.002], outputs = {y1 = 3e-05, y2 = 1.0}}', 'true', '"certified"')
+    """
+    return str(_in_a_line(value).as_string())
+
+
+def _in_a_line(value: Any) -> Any:
+    import tomlkit
+
+    if not isinstance(value, Mapping):
+        return tomlkit.item(value)
+    table = tomlkit.inline_table()
+    for key, one in value.items():
+        table.append(key, _in_a_line(one))
+    return table
 
 
 def _interval(low: float | None, high: float | None) -> list[float]:
