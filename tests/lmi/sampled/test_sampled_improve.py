@@ -276,7 +276,7 @@ def locked(gain=-4.22):
 
 
 def test_weights_in_a_scale_that_is_another_loops_are_taken_to_their_own():
-    """Over a scan of one weight the least rho is 39.4, at 18; at 200 it is 99, and at 20, a decade below, 1 % above the least.
+    """Over a scan of one weight the least rho is 39.4, at 18; at 200 it is 99, and at 20, a decade below, 1 % above it.
 
     15 % is what the worst phase of a decade would cost here: 45, at 10 and at 32.
     """
@@ -291,7 +291,7 @@ def test_weights_in_a_scale_that_is_another_loops_are_taken_to_their_own():
 def test_a_descent_starts_from_weights_that_hold_nothing(weight):
     """Below 5.6 no rho is held at all. What each power of the mean leads to may hold nothing for the next, a larger one.
 
-    The one gain is measured at three places: a descent that is stuck at its start ends at 44 to 53, above 1.1 times the least.
+    The one gain is measured at three places: a descent that is stuck at its start ends at 44 to 53, beyond the 10 %.
     """
     at, gain = locked()
     assert measured(at, gain, np.array([weight]), scales=(1.0,)) is None
