@@ -9,14 +9,14 @@ Whatever the method, gains count as certified only by the last step.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from lockstep.check.continuous.modes import ModalCertificate
-from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, demand
+from lockstep.check.errors import ClaimError, Infeasible, NotCertified, OutOfTime, demand
 from lockstep.lmi import by_method
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.by_method import Attempt, Progress
@@ -102,7 +102,7 @@ def _designed(
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
-            before.append(wish.with_limit(_came_to(error.figures, problem.design.decay)))
+            before.append(wish.with_limit(_came_to(error, problem.design.decay)))
             continue
         if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
             best = found if wish.problem is problem else _with_remark(found, wish, _given_up(before, wish))
@@ -123,12 +123,15 @@ def _given_up(before: Sequence[str], wish: Wishes) -> str:
     return "; ".join(filter(None, (*before, wish.not_asked)))
 
 
-def _came_to(figures: Mapping[str, Any], decay: float | None) -> str:
+def _came_to(error: ClaimError, decay: float | None) -> str:
     """Return how far an attempt without gains came, in a few words."""
+    figures = error.figures
     if "fraction" in figures:
         return f"{int(100 * figures['fraction']) / 100 or 'nothing'} of what is asked was carried"
+    if isinstance(error, NotCertified):
+        return f"gains were found, but not proved ({error}),"
     if figures.get("abscissa", -1.0) < 0:
-        return "not all that is asked was certified"
+        return "none had a certificate" + ", even for a thousandth of alpha" * ("abscissa" in figures)
     if not decay:
         return "no loop was as stable as is searched for"
     came = figures.get("decay", 0.0)
