@@ -7,7 +7,7 @@ import lockstep
 from lockstep.check.errors import Infeasible
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.model.problem import load_problem, parse_problem
 
 pytestmark = pytest.mark.slow
@@ -20,7 +20,7 @@ def designed(path, **changes):
         content["design"].update(changes)
         problem = type(problem).from_document(content)
     found = design(problem)
-    assert certify(parse(file_of(found).document(), "design")).certified
+    assert certify(parse(design_file_of(found).document(), "design")).certified
     return found
 
 
@@ -88,7 +88,7 @@ def test_ten_agents_with_gains_of_their_own():
         "ten.toml",
     )
     found = design(problem)
-    assert certify(parse(file_of(found).document(), "design")).certified
+    assert certify(parse(design_file_of(found).document(), "design")).certified
     assert not np.allclose(found.gains.D[0], found.gains.D[1])
 
 

@@ -18,7 +18,7 @@ from lockstep.cli import build
 from lockstep.cli.certify import _table
 from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, sampled_text, summary
 from lockstep.cli.main import app
-from lockstep.lmi.document import answer as said
+from lockstep.lmi.document import answer_document as said
 from lockstep.lmi.document import read
 from lockstep.verification.verify import VerifyReport
 from lockstep.workflow.build import VERIFY_TARGETS as BUILD_TARGETS

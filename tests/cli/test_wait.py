@@ -14,7 +14,7 @@ import lockstep.lmi.design as lmi_design
 from lockstep.cli.design import proved_besides
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.main import app
-from lockstep.lmi.search.search_time import rough, seconds
+from lockstep.lmi.search.search_time import one_digit, range_of_seconds
 from lockstep.lmi.search.stopping import Stop, Stopped
 from lockstep.workflow import design_cache
 from lockstep.workflow.design_file import Design
@@ -335,9 +335,9 @@ def test_the_range_grows_with_what_is_searched():
     bound = proved_bound(problem)
     network = network_of(problem, bound)
     search = GainSearch.of(network.loop(0), claim_of(problem, bound), 50.0)
-    low, high = seconds(search, 2, 1)
+    low, high = range_of_seconds(search, 2, 1)
     assert 0 < low < high
-    assert [rough(one) for one in (0.2, 89.0, 91.0, 7300.0)] == ["1 s", "90 s", "2 min", "2 h"]
+    assert [one_digit(one) for one in (0.2, 89.0, 91.0, 7300.0)] == ["1 s", "90 s", "2 min", "2 h"]
 
 
 def test_the_time_left_counts_down_and_begins_anew_with_a_phase():

@@ -11,9 +11,9 @@ from amini.claims.example import arm
 from cart import cart
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.defaults import wishes
+from lockstep.lmi.defaults import specifications
 from lockstep.lmi.design import design
-from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.document import Stored, design_file_of, parse
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
@@ -145,10 +145,10 @@ PATH_2 = 'agents = 2\ntopology = "path"'
 def first_wishes(posed: Problem) -> dict[str, Any]:
     """Return [design] with the defaults that are tried first."""
     bound = proved_bound(posed)
-    first, *_ = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    first, *_ = specifications(posed, network_of(posed, bound), claim_of(posed, bound))
     return first.problem.document()["design"]
 
 
 def stored(posed: Problem) -> Stored:
     """Return the design of a problem as its file holds it."""
-    return parse(json.loads(json.dumps(file_of(design(posed, jobs=1)).document())), "memory")
+    return parse(json.loads(json.dumps(design_file_of(design(posed, jobs=1)).document())), "memory")

@@ -17,7 +17,7 @@ from lockstep.lmi.robustness import (
     structured_singular_value,
 )
 from lockstep.lmi.robustness.blocks import Structure
-from lockstep.lmi.robustness.d_scaling import decide, of_numbers
+from lockstep.lmi.robustness.d_scaling import decide, scales_from_numbers
 from lockstep.lmi.robustness.every_frequency import _decided
 from lockstep.lmi.robustness.peak import response_of
 
@@ -186,7 +186,7 @@ def test_what_is_not_so_is_not_proved():
     assert found.proved is not None
     assert not decide(M, structure, found.X, 0.999 * found.lower).positive
     assert not decide(M, structure, [-x for x in found.X], 10 * found.upper).positive
-    assert not decide(M, structure, of_numbers(structure, np.array([1.0, 0.0, 1.0])), 1e9).positive
+    assert not decide(M, structure, scales_from_numbers(structure, np.array([1.0, 0.0, 1.0])), 1e9).positive
     system = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])  # norm 1: P = 1, x = 1 is on the edge at g = 1
     one = Structure.of([1], (1, 1))
     assert _decided(system, one, 1.01, np.array([[1.0]]), np.array([1.0]))

@@ -7,7 +7,7 @@ import casadi as ca
 
 from lockstep.check.bound.box import EVERY_TIME, Box
 from lockstep.check.bound.slopes import SlopeProblem
-from lockstep.model.bound_search import BOXES, Bound, Entry, confirmed, read, search_bound, with_entries
+from lockstep.model.bound_search import BOXES, Bound, Entry, confirmed_bound, read, search_bound, with_entries
 
 
 def smallest_bound(
@@ -15,7 +15,7 @@ def smallest_bound(
 ) -> Bound:
     """Return the smallest alpha that is found and decided: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box."""
     problem = SlopeProblem.of(read(phi), box, time)
-    return confirmed(problem, search_bound(problem, **limits))
+    return confirmed_bound(problem, search_bound(problem, **limits))
 
 
 def entry_bounds(

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 import lockstep.workflow.build as build
 from lockstep.check.errors import ClaimError
 from lockstep.cli.main import app
-from lockstep.lmi.document import answer as said
+from lockstep.lmi.document import answer_document as said
 from lockstep.lmi.document import read
 from lockstep.verification.verify import VerifyReport
 

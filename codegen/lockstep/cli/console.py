@@ -190,6 +190,6 @@ def _partial(error: ClaimError) -> Mapping[str, Any]:
     found = error.figures.get("design")
     if found is None:
         return {}
-    from lockstep.lmi.document import answer, file_of
+    from lockstep.lmi.document import answer_document, design_file_of
 
-    return answer(file_of(found))
+    return answer_document(design_file_of(found))

@@ -61,7 +61,7 @@ def with_fixed(stored: Stored) -> Stored:
     demand(stored.problem.offsets is None, given, "--fixed", expected)
     ranges = _ranges(stored)
     network, held = sampled_network(stored), sampled_controllers(stored, stored.problem.controller.period)
-    reaches = fixed_point.reaches(network, held, ranges)
+    reaches = fixed_point.state_bounds(network, held, ranges)
     if reaches is None:
         raise NotCertified("--fixed: no level set was found to choose the states' formats from")
     q = held[0].outputs
@@ -77,13 +77,16 @@ def with_fixed(stored: Stored) -> Stored:
     rho, guess = None, stored.proofs.sampled.m
     if isinstance(known, Witness) and stored.claims.sampled.rho is not None:
         guess = known.m
-        rho = fixed_point.rho(
+        rho = fixed_point.rho_witness(
             network, mine, stored.problem.performance, SampledRho(stored.claims.sampled.rho, known)
         )
-    agreement = fixed_point.agreement(network, mine, guess)
+    agreement = fixed_point.agreement_witness(network, mine, guess)
     if agreement is None:
         raise NotCertified("--fixed: agreement is not proved of the controllers in integers")
-    verdict, radius = decide_sampled(network, mine, [agreement]), fixed_point.radius(network, mine, integers)
+    verdict, radius = (
+        decide_sampled(network, mine, [agreement]),
+        fixed_point.radius_witness(network, mine, integers),
+    )
     claims = FixedClaims(
         verdict.decay,
         verdict.residual_per_message_error,

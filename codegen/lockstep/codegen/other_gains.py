@@ -90,9 +90,9 @@ def _placed(made: Stored) -> Stored:
 def _posed(stored: Stored) -> tuple[Network, Claim]:
     """Return the network of a design and what is claimed of it, its bound proved anew."""
     from lockstep.lmi.proposal import claim_of
-    from lockstep.lmi.stored_bound import bound_again
+    from lockstep.lmi.stored_bound import reproved_bound
     from lockstep.model.assembly import network_of
 
-    bound = bound_again(stored).or_raise()
+    bound = reproved_bound(stored).or_raise()
     claim = replace(claim_of(stored.problem, bound), alpha=stored.claims.alpha)
     return network_of(stored.problem, bound), claim

@@ -184,7 +184,7 @@ def _none_better(rho: float) -> Infeasible:
 
 def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     from lockstep.lmi.analysis.rounding import short_gains
-    from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, improved
+    from lockstep.lmi.sampled.synthesis.gains_for_period import AtPeriod, redesigned
 
     problem, table, c = stored.problem, stored.problem.design, stored.proofs.certificate
     m = pair_weights(stored)
@@ -198,7 +198,7 @@ def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     at = AtPeriod(network, edges, problem.performance, order, limit, decay=decay, deadline=effort.deadline)
     starts = [StartingGains(stored.gains.blocks, m, c.rho), *effort.others]
     enough = NEAR * min(one.rho for one in starts)
-    found = improved(at, starts, rho_most=table.rho, enough=enough, tell=effort.tell)
+    found = redesigned(at, starts, rho_most=table.rho, enough=enough, tell=effort.tell)
     if found is None:
         raise Infeasible(
             f"no gains were found whose sampled loop is certified at {period:g} s: shorten [controller] period, or lower"

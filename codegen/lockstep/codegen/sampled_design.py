@@ -25,7 +25,7 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled_claims import sector
 from lockstep.codegen.message_claims import MessageProof, prove_messages
 from lockstep.codegen.sampled_modes import ModalRho, prove_modes_of, sampled_controllers, splits
-from lockstep.lmi.design_verdict import Decided, certify
+from lockstep.lmi.design_verdict import ClaimDecisions, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
     HeldController,
@@ -39,7 +39,7 @@ from lockstep.lmi.sampled import (
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
 from lockstep.lmi.sampled.saturation import largest_clipped_radius
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.plain_json import to_json
 
@@ -243,7 +243,7 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
     )
 
 
-def certify_files(files: Mapping[str, str], stored: Stored) -> Decided:
+def certify_files(files: Mapping[str, str], stored: Stored) -> ClaimDecisions:
     """Decide a design by the numbers in its C, which is printed and not yet written.
 
     Args:
@@ -271,7 +271,7 @@ def sampled_network(stored: Stored) -> SampledNetwork:
         BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
     """
     problem = stored.problem
-    bound = bound_again(stored).or_raise()
+    bound = reproved_bound(stored).or_raise()
     loop = network_of(problem, bound).loop(stored.gains.order, exact_arithmetic=True)
     return SampledNetwork(
         loop.plant,

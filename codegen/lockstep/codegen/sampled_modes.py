@@ -19,7 +19,7 @@ from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.laplacian_spectrum import metric
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.modal.witnesses import certify_modal, longest_modal, modal_rho
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 
 
@@ -88,7 +88,7 @@ def _stated(stored: Stored, loop: ModalLoop) -> ModalRho | None:
 def _loops(stored: Stored, c: ModalCertificate, sector: Sector | None) -> Callable[[float], ModalLoop]:
     """Return the modes of the sampled loop by their period, as the checker assembles them."""
     problem, claims = stored.problem, stored.claims
-    network = network_of(problem, bound_again(stored).or_raise())
+    network = network_of(problem, reproved_bound(stored).or_raise())
     plant, delay = network.plant.in_numbers(True), problem.controller.delay
 
     def loop_at(period: float) -> ModalLoop:

@@ -11,7 +11,7 @@ from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.analysis.decimals import above
-from lockstep.lmi.document import answer
+from lockstep.lmi.document import answer_document
 from lockstep.model.problem.tables.toml_text import value_text
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula
@@ -49,7 +49,7 @@ def html(facts: Facts, spectrum: Spectrum, drawings: Drawings, files: Sequence[s
         problem=problem,
         agent=problem.agent(),
         graph=problem.graph(),
-        design=answer(facts.stored),
+        design=answer_document(facts.stored),
         sampled=facts.stored.claims.sampled,
         manifest=facts.manifest,
         asked=list(_asked(facts)),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from lockstep.codegen.emission.rendering import render
 from lockstep.codegen.folder.guarantee_lines import lines_of
-from lockstep.lmi.document import Stored, answer
+from lockstep.lmi.document import Stored, answer_document
 from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.report.drawings import draw
@@ -63,7 +63,7 @@ def make_report(
         "report.md.j2",
         title=facts.problem.title,
         guarantee=lines_of(facts.manifest.certificate),
-        design=answer(stored),
+        design=answer_document(stored),
         checks=checks,
         verify=verified,
     )

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from lockstep.lmi.trade_off.pareto import ParetoPoint, front
+from lockstep.lmi.trade_off.pareto import ParetoPoint, pareto_front
 from lockstep.report.canvas import legend, panels, rows_of
 from lockstep.report.style import LIGHT, colour, styled
 
@@ -24,7 +24,7 @@ def trade_off_figure(points: tuple[ParetoPoint, ...]) -> "Figure":
     families = list(dict.fromkeys(one.family for one in points))
     figure, stack = panels(len(PANELS), 1.5, rows=rows_of(len(families), COLUMNS))
     for axes, (name, label) in zip(stack, PANELS, strict=True):
-        best = front(points, name)
+        best = pareto_front(points, name)
         axes.plot(
             [one.figures.rho for one in best],
             [getattr(one.figures, name) for one in best],

@@ -16,7 +16,7 @@ from lockstep.workflow.output_files import of_file
 from lockstep.workflow.output_folders import is_generated
 
 if TYPE_CHECKING:
-    from lockstep.lmi.design_verdict import Decided
+    from lockstep.lmi.design_verdict import ClaimDecisions
 
 UNCLAIMED = "the file does not claim it"
 NOT_AS_GENERATED = (
@@ -37,7 +37,7 @@ class DesignVerdict:
     """
 
     design: Design
-    verdict: "Decided"
+    verdict: "ClaimDecisions"
     answer: Mapping[str, Any]
 
     @property
@@ -127,12 +127,12 @@ def certify(design: Design | Path | str) -> DesignVerdict:
     return DesignVerdict(found, verdict, document)
 
 
-def _document(design: Design, verdict: "Decided") -> dict[str, Any]:
+def _document(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
     """Return the contract's keys for what is decided of a design file."""
-    from lockstep.lmi.document import answer, messages_answer
+    from lockstep.lmi.document import answer_document, messages_answer
 
     stored, proved = design.stored, verdict.certified
-    said, floor = answer(stored), stored.claims.floor if proved else None
+    said, floor = answer_document(stored), stored.claims.floor if proved else None
     error = {"kind": "NotCertified", "message": verdict.reason, "figures": dict(verdict.figures)}
     return {
         "ok": verdict.ok,
@@ -167,7 +167,7 @@ def _initial_set(design: Design) -> dict[str, Any]:
     return named.document()
 
 
-def _sampled(design: Design, verdict: "Decided") -> dict[str, Any]:
+def _sampled(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
     """Return what is proved of the controllers as they ship; what is not, or is not claimed, is None."""
     from lockstep.check.design_file.claims import SampledClaims
     from lockstep.lmi.design_json import sampled_document

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lockstep.check.errors import demand
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.model.problem import Problem
 from lockstep.workflow.check import problem_of
 from lockstep.workflow.design_cache import keep, recall
@@ -30,7 +30,7 @@ def doubts(problem: Problem) -> list[str]:
     """Return what `check` notes of the signs, period, units and start of a problem: each is seldom meant."""
     from lockstep.model.checks import actuators, plausibility
 
-    found = (plausibility.alone, actuators.period, plausibility.units, plausibility.initial)
+    found = (plausibility.unstable_alone, actuators.period, plausibility.units, plausibility.initial)
     rows = (row for of in found for row in of(problem))
     return [f"{row.name}: {row.figure}" for row in rows if row.verdict == "note"]
 
@@ -100,7 +100,7 @@ def design(
         else:
             with searching_on(scheduler, time_limit):
                 made = designed(posed, jobs=jobs, progress=progress, time_limit=time_limit, stop=stop)
-            found = Design(as_shipped(file_of(made), progress, made.others, stop, time_limit))
+            found = Design(as_shipped(design_file_of(made), progress, made.others, stop, time_limit))
             if stop is not None:
                 stop.found = False  # of what comes now, an interrupt ends all
         files = {} if folder is None else trade_off_files(found.stored, others, progress)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from lockstep.check.certify import DESIGN_NAME as DESIGN_NAME
 from lockstep.check.files import as_text, read_inside
 from lockstep.check.json_text import A_DESIGN, parse_json
-from lockstep.lmi.document import Stored, answer, parse, read, sampled_answer
+from lockstep.lmi.document import Stored, answer_document, parse, read, sampled_answer
 from lockstep.model.agents.arguments import units_text
 from lockstep.model.html_table import html_table
 from lockstep.model.plain_json import to_json
@@ -130,15 +130,15 @@ class Design(Analysis):
         Raises:
             BoundNotProved: alpha does not bound the nonlinearity.
         """
-        from lockstep.lmi.stored_bound import bound_again
+        from lockstep.lmi.stored_bound import reproved_bound
         from lockstep.model.assembly import network_of
 
         self.problem.demand_one_graph("for a network of agents")
-        return network_of(self.problem, bound_again(self.stored))
+        return network_of(self.problem, reproved_bound(self.stored))
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys: claims at the top, remarks beside them."""
-        return answer(self.stored)
+        return answer_document(self.stored)
 
     def text(self) -> str:
         """Return the text of the design file."""

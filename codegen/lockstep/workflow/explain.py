@@ -14,7 +14,7 @@ import numpy as np
 
 from lockstep.lmi.analysis.decimals import above, below
 from lockstep.lmi.initial_set import sampled_rate
-from lockstep.model.checks.plausibility import alone
+from lockstep.model.checks.plausibility import unstable_alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design_file import Design
 
@@ -334,7 +334,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "Nothing is proved of when an actuator saturates: smaller gains (`order = 0` where it is higher, a lower"
             " `gain_limit`), or states counted in units in which they are of size one, may change that.",
         )
-    moving = "".join(f"; {row.figure}, a leader too" for row in alone(problem))
+    moving = "".join(f"; {row.figure}, a leader too" for row in unstable_alone(problem))
     deaf = np.flatnonzero(problem.graph().in_degrees == 0)
     where = f"that is up to agent {deaf[0] + 1}, which leads" if len(deaf) else "only that they are the same"
     yield Statement("where they agree", "", f"Which states the agents agree on: {where}{moving}.")

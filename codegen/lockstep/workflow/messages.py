@@ -11,7 +11,7 @@ from lockstep.workflow.output_files import of_file
 from lockstep.workflow.waiting.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lockstep.lmi.sampled.messages.largest_faults import Limit
+    from lockstep.lmi.sampled.messages.largest_faults import FaultLimit
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class MessageReach:
     """
 
     title: str
-    limits: Mapping[str, "Limit"]
+    limits: Mapping[str, "FaultLimit"]
 
     def document(self) -> dict[str, Any]:
         """Return the contract's keys."""

@@ -46,7 +46,7 @@ class Attempt(NamedTuple):
 def certified(posed: Posed, attempt: Attempt) -> Proposal:
     """Search for gains by the certificate itself."""
     problem, network, _, claim = posed
-    from lockstep.lmi.methods.certified import CertifiedGains, searched
+    from lockstep.lmi.methods.certified import CertifiedGains, search_and_prove
     from lockstep.lmi.sampled.synthesis.score import SampledScore
 
     jobs, tell, time_limit, stop, explain = attempt
@@ -54,7 +54,7 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
 
     def found_from(*, anew: bool) -> tuple[CertifiedGains, FloorWitness | None]:
         effort = jobs, tell, time_limit, score, stop
-        found = searched(problem, network, claim, *effort, explain=explain and not anew, anew=anew)
+        found = search_and_prove(problem, network, claim, *effort, explain=explain and not anew, anew=anew)
         rho = found.certificate.rho
         return found, stop.optional(lambda: _floor(problem, network, found.claim, rho, tell), otherwise=None)
 

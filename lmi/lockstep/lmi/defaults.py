@@ -37,7 +37,7 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.actuators import outputs_apart, time_to_move
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.loop_transformation.natural_units import natural
+from lockstep.model.loop_transformation.natural_units import natural_units
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import DisturbancesTable, GainUnitsTable, WeightsTable
@@ -83,7 +83,7 @@ VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
 
 
-class Wishes(NamedTuple):
+class Specification(NamedTuple):
     """A problem that names what it asks for.
 
     sized: by what, where that is said;  enough: whether gains that are found are taken up to `VERY_FAR` from the floor:
@@ -100,7 +100,7 @@ class Wishes(NamedTuple):
         return f"{came} within gain_limit {self.problem.design.gain_limit:g}{self.sized}"
 
 
-def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]:
+def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator[Specification]:
     """Yield a problem with its defaults written down: the first to be tried, then with less asked; or the problem itself.
 
     Args:
@@ -108,22 +108,22 @@ def wishes(problem: Problem, network: Network, claim: Claim) -> Iterator[Wishes]
         network, claim: of this problem.
     """
     if not problem.has_defaults:
-        yield Wishes(problem)
+        yield Specification(problem)
         return
     said, limits = _asked(problem, _of_two(problem, network), claim)
     within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     if within is not None:
         for more, part in SIZED if problem.design.decay else SIZED[:1]:
             asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
-            yield Wishes(asked, f", which {part} [agent.limits] sized", enough=True)
+            yield Specification(asked, f", which {part} [agent.limits] sized", enough=True)
             most = 0.0 if "gain_units" in within else asked.design.gain_limit
     for limit in limits:
         if "gain_units" not in limit and limit["gain_limit"] <= most:
             continue  # it was within the one before
-        yield Wishes(_with(problem, said | limit))
+        yield Specification(_with(problem, said | limit))
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
-        yield Wishes(
+        yield Specification(
             _with(problem, said | limits[1]), not_asked="not asked for: stable controllers and a decay"
         )
 
@@ -143,7 +143,7 @@ def _within_limits(
     outputs, tau = outputs_apart(problem), time_to_move(problem)
     if outputs is None or not (heard := np.abs(problem.graph().laplacian @ outputs)).any():
         return None
-    _, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
+    _, S_u, S_y, time, _ = natural_units(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     u = HALF * problem.limits / float((heard @ S_y).max())
     sizes = _sizes(problem.order, np.where(np.isinf(u), S_u, u), S_y, time)
     of_u = np.linalg.norm(sizes, 2) / np.linalg.norm(sizes[problem.order :], 2)
@@ -202,7 +202,7 @@ def keeping(problem: Problem, decay: float) -> Problem:
     return problem if named else _with(problem, {"search_decay": float(f"{KEPT * decay:.2g}")})
 
 
-def named(problem: Problem) -> dict[str, Any]:
+def defaults_of(problem: Problem) -> dict[str, Any]:
     """Return what defaults wrote into a problem, as plain JSON types, for people."""
     table = problem.design.model_dump(mode="json", exclude_none=True)
     return {key: table[key] for key in (*KEYS, "weights", "disturbances") if key in table}
@@ -227,7 +227,7 @@ def _asked(
 
     States are weighed in natural units where these are far apart, or gains are to be `within` the actuators' limits.
     """
-    X, S_u, S_y, time, _ = natural(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
+    X, S_u, S_y, time, _ = natural_units(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     apart = within or X.max() > FAR_APART * X.min()
     scales = X.max() / X if apart else np.ones_like(X)
     R = 1 / scales**2 if apart else np.diag(claim.R)

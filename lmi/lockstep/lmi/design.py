@@ -11,7 +11,6 @@ Whatever the method, gains count as certified only by the last step.
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from lockstep.check.errors import ClaimError, Infeasible, NotCertified, OutOfTim
 from lockstep.lmi import by_method
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.by_method import Attempt, Progress
-from lockstep.lmi.defaults import FAR, MUCH, VERY_FAR, Wishes, keeping, named, wishes
+from lockstep.lmi.defaults import FAR, MUCH, VERY_FAR, Specification, defaults_of, keeping, specifications
 from lockstep.lmi.guarantees import guarantees
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.proposal import Posed, Proposal, claim_of, proved_bound
@@ -71,7 +70,7 @@ def _designed(
     demand(time_limit is None or problem.design.method != "modal", given, where, expected, remedy)
     tell("proving the bound of the nonlinearity", 0.0)
     bound = proved_bound(problem)
-    tried = list(wishes(problem, network_of(problem, bound), claim_of(problem, bound)))
+    tried = list(specifications(problem, network_of(problem, bound), claim_of(problem, bound)))
     deadline = None if time_limit is None else time.monotonic() + time_limit
     best, first, before = None, "", list[str]()
     for number, wish in enumerate(tried, start=1):
@@ -119,7 +118,7 @@ def _designed(
     return replace(best, figures=best.figures | {"interrupted": True}) if stop.asked else best
 
 
-def _given_up(before: Sequence[str], wish: Wishes) -> str:
+def _given_up(before: Sequence[str], wish: Specification) -> str:
     return "; ".join(filter(None, (*before, wish.not_asked)))
 
 
@@ -145,12 +144,12 @@ def _over_floor(found: Proposal, other: Proposal) -> float:
     return rho / floor.rho if floor else rho
 
 
-def _with_remark(found: Proposal, wish: Wishes, said: str) -> Proposal:
+def _with_remark(found: Proposal, wish: Specification, said: str) -> Proposal:
     """Return a proposal that says what was asked for by default, and the decay that a design for the period keeps to."""
     problem, given_up = wish.problem, {"given_up": said} if said else {}
     if wish.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])
-    figures = found.figures | {"defaults": {**named(problem), **given_up}}
+    figures = found.figures | {"defaults": {**defaults_of(problem), **given_up}}
     return replace(found, problem=problem, figures=figures)
 
 

@@ -32,7 +32,7 @@ OF_WHAT_SHIPS = ("code", *SAMPLED, "messages", "messages_rho", *FIXED)
 
 
 @dataclass(frozen=True)
-class Decided:
+class ClaimDecisions:
     """What is decided of a design file, claim by claim; the first claim that fails is the last one."""
 
     stored: Stored
@@ -79,7 +79,7 @@ class Decided:
         return float("nan") if found is None else float(found.figures.get("margin", "nan"))
 
 
-def certify(stored: Stored, path: Path | None = None) -> Decided:
+def certify(stored: Stored, path: Path | None = None) -> ClaimDecisions:
     """Decide what a design file claims, or a folder of C with its design.
 
     Args:
@@ -92,9 +92,9 @@ def certify(stored: Stored, path: Path | None = None) -> Decided:
     # A file of format 1 does not say how its bound is proved: that is proposed anew, and the checker gets both.
     complete = with_bound_proof(stored)
     if path is not None and complete is stored:
-        return Decided(stored, checker.certify(path).verdicts)
+        return ClaimDecisions(stored, checker.certify(path).verdicts)
     problem = plain(stored.problem.document())  # with the gains that it gives, if any
     content = complete.document() | {"problem": problem}
     file = parse(content, "the design", ProblemTables.from_document)
     folder = path if path is not None and path.is_dir() else None
-    return Decided(stored, checker.certified(file, folder).verdicts)
+    return ClaimDecisions(stored, checker.certified(file, folder).verdicts)

@@ -30,7 +30,7 @@ from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound, slopes_of
-from lockstep.model.checks.plausibility import start_of
+from lockstep.model.checks.plausibility import initial_disagreement
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 
@@ -53,7 +53,7 @@ class Stored(DesignFile[Problem]):
         return Claim(claims.alpha, delta=delta, entries=claims.entries, **self.problem.performance._asdict())
 
 
-def file_of(design: Proposal) -> Stored:
+def design_file_of(design: Proposal) -> Stored:
     """Return what is to be written down of a design; nothing is claimed of its sampled controllers yet."""
     c, floor, initial, decay = design.certificate, design.floor, design.initial, design.guarantees.decay
     claims = Claims(
@@ -118,7 +118,7 @@ def parse(content: Any, where: str) -> Stored:
     return Stored(**vars(design_file.parse(content, where, Problem.from_document)))
 
 
-def answer(stored: Stored) -> dict[str, Any]:
+def answer_document(stored: Stored) -> dict[str, Any]:
     """Return what commands say of a design: the keys of the contract, claims at the top and remarks beside them."""
     claims, info, design = stored.claims, stored.info, stored.problem.design
     claimed, slopes = claims_document(claims), slopes_of(claims.entries, claims.scales)
@@ -155,7 +155,7 @@ def graph_answer(stored: Stored) -> dict[str, Any]:
 def _limits(claims: SampledClaims, problem: Problem) -> dict[str, float]:
     """Return what is claimed of limits, and where the run of the file starts, to compare."""
     found = {"radius": claims.radius, "gain": claims.limits_gain, "clipped_radius": claims.clipped_radius}
-    start = {"start": start_of(problem)} if set(found.values()) != {None} else {}
+    start = {"start": initial_disagreement(problem)} if set(found.values()) != {None} else {}
     return {key: one for key, one in (found | start).items() if one is not None}
 
 

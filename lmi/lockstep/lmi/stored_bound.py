@@ -5,7 +5,7 @@ from lockstep.model.assembly import bound_of, bound_with_scales
 from lockstep.model.bound_search import Bound
 
 
-def bound_again(stored: Stored) -> Bound:
+def reproved_bound(stored: Stored) -> Bound:
     """Return the file's alpha as a proved bound of its agent's nonlinearity, and its entries as proved bounds of slopes.
 
     With several independent components of phi the certificate is about G D_w and D_v^-1 H, and a file states the scales;

@@ -29,13 +29,13 @@ from lockstep.model.bound_search import (
     Bound,
     Entry,
     SearchState,
-    confirmed,
+    confirmed_bound,
     prove_bound,
     search_bound,
     with_entries,
 )
 from lockstep.model.loop_transformation.lure import Lure
-from lockstep.model.loop_transformation.natural_units import natural
+from lockstep.model.loop_transformation.natural_units import natural_units
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -85,7 +85,7 @@ def bound_of(
         exact = _tightened(exact, agent, boxes)
     if alpha is not None:
         return _decided(_with_scales_of(exact, agent, alpha, boxes, progress), alpha)
-    exact = confirmed(problem, exact)
+    exact = confirmed_bound(problem, exact)
     if not exact.proved:
         raise _undecided(exact)
     return with_entries(problem, exact, boxes)
@@ -167,7 +167,7 @@ def _in_natural_units(bound: Bound, agent: Agent, places: Sequence[tuple[int, in
     if len(blocks) < 2:
         return bound
     linear = Plant(lure.A, (lure.B,), lure.C, lure.G[:, :0], lure.H[:0])
-    sizes = np.abs(lure.H) @ (1 / natural(linear, 0.0, np.eye(len(lure.A)))[0])
+    sizes = np.abs(lure.H) @ (1 / natural_units(linear, 0.0, np.eye(len(lure.A)))[0])
     for block in blocks:
         w, v = block_of[: len(D_w)] == block, block_of[len(D_w) :] == block
         factor = 2.0 ** np.round(np.log2(sizes[v] / D_v[v]).mean())

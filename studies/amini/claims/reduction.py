@@ -8,7 +8,7 @@ from amini.claims.example import TABLE_1, A, B, C, claim, cycle, loop
 from lockstep.check.numbers import Matrix, exactly, eye, inverse
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
-from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, run
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, solve_sdp
 
 
 def _lemmas() -> Finding:
@@ -127,7 +127,7 @@ def _rho_on_everything(K: Float[np.ndarray, "3 3 4"]) -> float:
     half = np.eye(len(keep), n_x) @ P @ form.Z[:, keep]
     side = np.eye(len(keep), n_x) @ P
     whole = cp.bmat([[F + half + half.T, side], [side.T, -r2 * np.eye(n_x)]])
-    run(cp.Problem(cp.Minimize(r2), [P >> 0, m >= 0, (whole + whole.T) / 2 << 0]))
+    solve_sdp(cp.Problem(cp.Minimize(r2), [P >> 0, m >= 0, (whole + whole.T) / 2 << 0]))
     return float("nan") if r2.value is None else float(np.sqrt(r2.value))
 
 

@@ -84,7 +84,7 @@ def _one_multiplier(source: Source, alpha: float) -> bool:
     """Tell whether (33) with full P and the one multiplier tau_5 I has a solution for given gains, H = G = I."""
     import cvxpy as cp
 
-    from lockstep.lmi.analysis.certificate_sdp import run
+    from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 
     one = loop(structured=False)
     A_cl, (n_x, n_d) = one.A_cl(TABLE_1[source].blocks), one.E.shape
@@ -95,7 +95,7 @@ def _one_multiplier(source: Source, alpha: float) -> bool:
     F = cp.bmat(
         [[head, side, side], [side.T, -tau * np.eye(n_d), nothing], [side.T, nothing, -r2 * np.eye(n_d)]]
     )
-    return run(cp.Problem(cp.Minimize(r2), [P >> 0, (F + F.T) / 2 << 0]))
+    return solve_sdp(cp.Problem(cp.Minimize(r2), [P >> 0, (F + F.T) / 2 << 0]))
 
 
 def _silent() -> Finding:

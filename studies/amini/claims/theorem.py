@@ -9,7 +9,7 @@ from amini.claims.claim import Finding, PaperClaim
 from amini.claims.example import ALPHA, DELTA, TABLE_1, A, B, Source, abscissa, claim, loop, network
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.numbers import exactly, inverse
-from lockstep.lmi.analysis.certificate_sdp import least_rho, run
+from lockstep.lmi.analysis.certificate_sdp import least_rho, solve_sdp
 from lockstep.lmi.methods.paper import Audit, _Printed, solve_as_printed
 
 LOST = 1e2
@@ -134,7 +134,7 @@ def _solvable_with_range() -> bool:
     conditions = [*program.conditions(), program.p_s @ b == b @ X]
     for k, f in zip(program.k, program.f, strict=True):
         conditions += [k == b @ cp.Variable((1, 2)), f == b @ cp.Variable((1, 2))]
-    return run(cp.Problem(cp.Minimize(program.r2), conditions))
+    return solve_sdp(cp.Problem(cp.Minimize(program.r2), conditions))
 
 
 def _unstable() -> Finding:
@@ -193,7 +193,7 @@ def _rho_at(alpha: float) -> float:
 
     program = _program()
     conditions = [*program.conditions(), program.gamma == program.tau[4] / alpha**2]
-    if not run(cp.Problem(cp.Minimize(program.r2), conditions)) or program.r2.value is None:
+    if not solve_sdp(cp.Problem(cp.Minimize(program.r2), conditions)) or program.r2.value is None:
         return float("inf")
     return float(np.sqrt(max(float(program.r2.value), 0.0)))
 
@@ -218,7 +218,7 @@ def _objective_of(source: Source) -> float:
         fixed += [program.k[i] == program.p_s @ b @ gains.D[i], program.f[i] == program.p_s @ b @ gains.C[i]]
         fixed += [program.Z[i] == program.P_C[i] @ gains.B[i], program.W[i] == program.P_C[i] @ gains.A[i]]
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), [*program.conditions(), *fixed])
-    return float(problem.value) if run(problem) and problem.value is not None else float("inf")
+    return float(problem.value) if solve_sdp(problem) and problem.value is not None else float("inf")
 
 
 def _static_as_printed() -> Finding:

@@ -22,7 +22,7 @@ from lockstep.codegen.from_design import specification
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import Stored, answer, file_of
+from lockstep.lmi.document import Stored, answer_document, design_file_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
@@ -53,7 +53,7 @@ period = 0.02
 @pytest.fixture(scope="module")
 def pendulums() -> Stored:
     """Pendulums with weak springs: by themselves they move apart from one angle, and settle at others."""
-    return as_shipped(file_of(design(Problem.parse(PENDULUMS))))
+    return as_shipped(design_file_of(design(Problem.parse(PENDULUMS))))
 
 
 def starts(stored: Stored, radius: float, count: int, seed: int = 0) -> np.ndarray:
@@ -79,7 +79,7 @@ def run_from(engine: Engine, x: np.ndarray, horizon: float):
 
 
 def test_what_is_claimed_is_answered_and_decided(pendulums):
-    limits = answer(pendulums)["limits"]
+    limits = answer_document(pendulums)["limits"]
     assert set(limits) == {"radius", "gain", "clipped_radius"}
     assert limits["clipped_radius"] > limits["radius"]
     assert certify(pendulums).ok
@@ -151,7 +151,7 @@ def test_the_arms_within_six_volts(examples):
     text = (examples / "flexible_joint_arms.toml").read_text()
     assert "u = [-10.0, 10.0]" in text
     text = text.replace("u = [-10.0, 10.0]", "u = [-6.0, 6.0]")
-    stored = as_shipped(file_of(design(Problem.parse(text))))
+    stored = as_shipped(design_file_of(design(Problem.parse(text))))
     claims = stored.claims.sampled
     assert certify(stored).ok
     assert claims.radius is not None

@@ -24,7 +24,7 @@ from lockstep.codegen.manifest import Manifest
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.codegen.spec import CodegenSpec, Controller, Neighbour
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.model.plain_json import to_json
 from lockstep.model.problem import Problem
 from lockstep.model.simulation import simulate
@@ -68,7 +68,7 @@ def carts(more: str = "", offsets=OFFSETS) -> Problem:
 @pytest.fixture(scope="module")
 def formation():
     """Three carts in a line: two behind a leader, one of them hearing both others."""
-    return as_shipped(file_of(design(carts(REFERENCE))))
+    return as_shipped(design_file_of(design(carts(REFERENCE))))
 
 
 def apart(x: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import NotCertified
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.lmi.document import parse as stored_of
 from lockstep.lmi.search.stopping import Stop
 from lockstep.model.problem import Problem
@@ -47,7 +47,7 @@ def searched():
     def made(messages, **design_keys):
         if not stored:
             problem = Problem.parse(CARTS.replace("messages = { MESSAGES }", ""))
-            stored["file"] = json.loads(Design(file_of(design(problem, jobs=1))).text())
+            stored["file"] = json.loads(Design(design_file_of(design(problem, jobs=1))).text())
         content = deepcopy(stored["file"])
         content["problem"]["network"]["messages"] = messages
         content["problem"]["design"].update(design_keys)

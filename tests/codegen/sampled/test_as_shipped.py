@@ -12,7 +12,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.cli.main import app
 from lockstep.codegen import period_redesign
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.model.problem import Problem
 
 LINEAR = """
@@ -83,7 +83,7 @@ def test_the_same_gains_at_a_short_period_exit_0(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("period", "redesigned"), [("0.5", True), ("0.005", False)])
 def test_a_time_limit_ends_a_design_for_the_period_and_is_told_where_there_was_one(period, redesigned):
-    stored = file_of(design(Problem.parse(problem("certified", period))))
+    stored = design_file_of(design(Problem.parse(problem("certified", period))))
     made = period_redesign.as_shipped(stored, time_limit=1e-9)
     assert (made.info["figures"].get("time_limit") == 1e-9) == redesigned
     said = made.info["sampled"]
@@ -104,12 +104,12 @@ def test_gains_with_the_fastest_decay_are_designed_for_the_period_only_where_it_
 ):
     """Where any rho of the sampled loop is too large: a descent on rho would spend the decay, so half of it is held."""
     asked = problem("certified", period).replace("starts = 1", f'starts = 1\nobjective = "{objective}"')
-    stored, searched = file_of(design(Problem.parse(asked))), []
+    stored, searched = design_file_of(design(Problem.parse(asked))), []
 
     def improved(at, *_args, **_options):
         searched.append(at.decay)
 
-    monkeypatch.setattr("lockstep.lmi.sampled.synthesis.gains_for_period.improved", improved)
+    monkeypatch.setattr("lockstep.lmi.sampled.synthesis.gains_for_period.redesigned", improved)
     monkeypatch.setattr(period_redesign, "NEAR", 0.0)
     period_redesign.as_shipped(stored)
     assert searched == ([] if held is None else [held * stored.claims.decay])

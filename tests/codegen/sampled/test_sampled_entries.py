@@ -17,7 +17,7 @@ from lockstep.codegen.sampled_design import (
     with_sampled,
 )
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.lmi.sampled.l2_gain import least_rho, sampled_rho
 from lockstep.lmi.sampled.witnesses import in_doubles
 from lockstep.model.bound_search import Entry
@@ -46,7 +46,7 @@ period = {PERIOD}
 
 @pytest.fixture(scope="module")
 def stored():
-    return parse(json.loads(json.dumps(file_of(design(parse_problem(TEXT))).document())), "memory")
+    return parse(json.loads(json.dumps(design_file_of(design(parse_problem(TEXT))).document())), "memory")
 
 
 def with_claims(stored, **changes):
@@ -107,7 +107,7 @@ def test_a_modal_certificate_gives_a_sector_too():
         .replace('"given"', '"modal"\ngain_limit = 8.0\nstarts = 1')
         .split("[[design.gains]]")[0]
     )
-    stored = parse(json.loads(json.dumps(file_of(design(parse_problem(agents))).document())), "memory")
+    stored = parse(json.loads(json.dumps(design_file_of(design(parse_problem(agents))).document())), "memory")
     assert prove_design(stored).verdict.certified
     small = tuple(replace(one, bound=0.9 * one.bound) for one in stored.claims.entries)
     assert "single slopes" in prove_design(with_claims(stored, entries=small)).verdict.reason
@@ -143,7 +143,7 @@ def test_pair_weights_are_lowered_in_a_sector_of_several_slopes() -> None:
     """Solar trackers with dry friction: rho with the continuous weights was 134.8 or 150.8, as the kernel had them, 97 before
     sampling; in other proportions it is below either. Of what is one slope alone the continuous weights are next to best."""
     gains = "\n".join(f"[[design.gains]]\n{one}" for one in (ENDS, MIDDLE, MIDDLE, ENDS))
-    stored = file_of(design(parse_problem(TRACKERS.replace("[controller]", f"{gains}\n[controller]"))))
+    stored = design_file_of(design(parse_problem(TRACKERS.replace("[controller]", f"{gains}\n[controller]"))))
     network, weights = sampled_network(stored), stored.problem.performance
     controllers, known = sampled_controllers(stored, 0.02), pair_weights(stored)
     assert network.sector is not None

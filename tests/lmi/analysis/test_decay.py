@@ -2,7 +2,7 @@
 
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.model.problem import Problem
 
@@ -67,7 +67,7 @@ period = 0.01
 """
     rates = []
     for asked in ("", "decay = 4.5"):
-        stored = as_shipped(file_of(design(Problem.parse(text.replace("DECAY", asked)))))
+        stored = as_shipped(design_file_of(design(Problem.parse(text.replace("DECAY", asked)))))
         rates.append(sampled_rate(stored.claims.sampled.decay, 0.01))
         assert stored.claims.sampled.certified
     assert rates[0] < 4.5 <= rates[1] <= 5.0

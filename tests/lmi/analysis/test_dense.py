@@ -4,7 +4,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.analysis.dense_sdp import run_dense
 
 
@@ -39,7 +39,7 @@ def test_random_programs_have_the_value_that_another_solver_finds(seed):
     assert run_dense(problem)
     found = problem.objective.value
     assert np.linalg.eigvalsh(F.value)[0] > -1e-6
-    assert run(problem, decompose=False)
+    assert solve_sdp(problem, decompose=False)
     assert found == pytest.approx(problem.objective.value, rel=1e-5)
 
 

@@ -25,7 +25,7 @@ from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.rounding import prove
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import answer, file_of, parse
+from lockstep.lmi.document import answer_document, design_file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 from lockstep.lmi.methods.modal import prove_modes
 from lockstep.lmi.proposal import claim_of, proved_bound
@@ -192,7 +192,7 @@ def test_method_modal_designs_with_entries() -> None:
     table["design"] |= {"method": "modal", "gain_limit": 8.0, "starts": 1}
     del table["design"]["gains"]
     made = design(Problem.from_document(table))
-    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
+    stored = parse(json.loads(json.dumps(design_file_of(made).document())), "memory")
     assert certify(stored).certified
     assert isinstance(stored.proofs.certificate, ModalCertificate)
     assert len(stored.proofs.certificate.mu_entries) == 2
@@ -211,7 +211,7 @@ def test_an_alpha_that_is_asked_for_stands_for_every_phi_that_has_it() -> None:
 
 @pytest.fixture(scope="module")
 def file() -> dict[str, Any]:
-    made: dict[str, Any] = json.loads(json.dumps(file_of(design(pair(3, "cycle"))).document()))
+    made: dict[str, Any] = json.loads(json.dumps(design_file_of(design(pair(3, "cycle"))).document()))
     return made
 
 
@@ -231,7 +231,7 @@ def test_slopes_are_said_in_the_units_of_the_file(
 ) -> None:
     """And not in the scales of the bound: |d phi_k / d v_l| D_v,l / D_w,k <= bound, with D_w = 4 and D_v = (2, 8)."""
     changed = {**file, "claims": file["claims"] | {"scales": scales}}
-    said = [one["slope"] for one in answer(parse(changed, "memory"))["entries"]]
+    said = [one["slope"] for one in answer_document(parse(changed, "memory"))["entries"]]
     assert said == pytest.approx([2.0 * times[0], 0.02 * times[1]], rel=1e-14)
 
 
@@ -275,7 +275,7 @@ def test_the_floor_beside_entries_is_that_of_alpha_0() -> None:
         + 2 * "\n[[design.gains]]\nA = []\nB = []\nC = [[]]\nD = [[-1.0, -1.0]]",
     )
     network, _, claim = posed(one)
-    stored = parse(json.loads(json.dumps(file_of(design(one)).document())), "memory")
+    stored = parse(json.loads(json.dumps(design_file_of(design(one)).document())), "memory")
     assert stored.proofs.certificate is not None
     assert len(stored.claims.entries) == 2
     rho = stored.proofs.certificate.rho
@@ -338,7 +338,7 @@ def test_quadrotors_with_the_thrust_as_a_state() -> None:
     made = design(quadrotors)
     assert made.certificate is not None
     assert made.certificate.rho < 7
-    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
+    stored = parse(json.loads(json.dumps(design_file_of(made).document())), "memory")
     assert certify(stored).certified
     assert certify(stored).scope == "local"
 

@@ -21,7 +21,7 @@ from lockstep.codegen.sampled_design import sampled_network
 from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.document import Stored, design_file_of, parse
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.sampled.loop_gain import _step_of_state
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -68,7 +68,7 @@ def pendulums(gains: str = STATIC, slope: float = 0.0, period: float = 0.01, ask
 
 def shipped(problem: Problem) -> Stored:
     """Return the design file, sampled claims included."""
-    return as_shipped(file_of(design(problem)))
+    return as_shipped(design_file_of(design(problem)))
 
 
 @functools.cache
@@ -162,7 +162,7 @@ def test_the_sampled_rho_tends_to_the_continuous_one(asked: str) -> None:
 
 def test_a_rho_that_leaves_the_weight_of_u_out_is_refused() -> None:
     """The certificate of the loop without it, under a problem that weighs u."""
-    without = json.loads(json.dumps(file_of(design(pendulums())).document()))
+    without = json.loads(json.dumps(design_file_of(design(pendulums())).document()))
     asked = pendulums(asked="weights = { input = 3.0 }").document()
     without["problem"]["design"] = {k: v for k, v in asked["design"].items() if k != "gains"}
     assert not certify(parse(without, "memory")).ok
@@ -170,7 +170,7 @@ def test_a_rho_that_leaves_the_weight_of_u_out_is_refused() -> None:
 
 def test_the_decay_is_the_linear_one_and_more_is_refused() -> None:
     problem = pendulums(DYNAMIC)
-    stored = file_of(design(problem))
+    stored = design_file_of(design(problem))
     network = network_of(problem, proved_bound(problem))
     slowest = -np.linalg.eigvals(network.loop(1).A_cl(stored.gains.blocks)).real.max()
     decay = stored.claims.decay
@@ -184,7 +184,7 @@ def test_the_decay_is_the_linear_one_and_more_is_refused() -> None:
 def test_the_decay_holds_for_every_slope() -> None:
     """Of sin with a slope up to 1.5: no constant slope within is slower."""
     problem = pendulums(slope=1.5)
-    stored, bound = file_of(design(problem)), proved_bound(problem)
+    stored, bound = design_file_of(design(problem)), proved_bound(problem)
     network = network_of(problem, bound)
     loop, K = network.loop(0), stored.gains.blocks
     lure = network.plant
@@ -206,13 +206,15 @@ def test_a_decay_that_is_asked_for_and_not_there_is_refused() -> None:
 def test_controllers_that_are_not_stable_by_themselves() -> None:
     """Of one agent: were all of them, their mean, of which no message tells, would grow."""
     unstable = DYNAMIC.replace("A = [[-3.0]]", "A = [[0.05]]") + ", " + DYNAMIC + ", " + DYNAMIC
-    stored = file_of(design(pendulums(unstable)))
+    stored = design_file_of(design(pendulums(unstable)))
     assert not stored.claims.controllers_stable
     better = dataclasses.replace(stored, claims=dataclasses.replace(stored.claims, controllers_stable=True))
     assert not certify(better).ok
     with pytest.raises(NotCertified, match=r"that of agent 1 is not"):
         design(pendulums(unstable, asked="stable_controllers = true"))
-    assert file_of(design(pendulums(DYNAMIC, asked="stable_controllers = true"))).claims.controllers_stable
+    assert design_file_of(
+        design(pendulums(DYNAMIC, asked="stable_controllers = true"))
+    ).claims.controllers_stable
 
 
 def test_stability_is_decided_exactly() -> None:
@@ -333,7 +335,7 @@ def test_what_the_checker_reads_of_limits_weights_and_disturbances() -> None:
     "asked", [{"decay": "2"}, {"decay": True}, {"stable_controllers": "no"}, {"stable_controllers": 1}]
 )
 def test_what_is_asked_for_is_of_its_kind(asked: dict[str, object]) -> None:
-    stored = file_of(design(pendulums(DYNAMIC)))
+    stored = design_file_of(design(pendulums(DYNAMIC)))
     units = ProblemTables.from_document(stored.problem.document()).gain_units
     with pytest.raises(ProblemError, match=next(iter(asked))):
         list(shortfalls(asked, stored.claims, stored.gains, units))
@@ -356,7 +358,7 @@ def test_limits_that_are_none() -> None:
 
 def test_a_floor_is_of_its_own_disturbances() -> None:
     """A hundredth of the disturbance has a hundredth of the gain and of the floor: that of the whole one is none of it."""
-    found = file_of(design(pendulums()))
+    found = design_file_of(design(pendulums()))
     searched = pendulums().toml().replace('method = "given"', 'method = "certified"\norder = 0\nstarts = 1')
     searched = searched[: searched.index("[[design.gains]]")] + searched[searched.index("[controller]") :]
     whole = design(Problem.parse(searched))
@@ -372,8 +374,8 @@ def test_a_floor_is_of_its_own_disturbances() -> None:
     assert found.claims.floor is None
     for floor in (whole.floor, dataclasses.replace(whole.floor, slopes=None)):
         with_floor = dataclasses.replace(
-            file_of(part),
-            claims=dataclasses.replace(file_of(part).claims, floor=floor.rho),
-            proofs=dataclasses.replace(file_of(part).proofs, floor=floor),
+            design_file_of(part),
+            claims=dataclasses.replace(design_file_of(part).claims, floor=floor.rho),
+            proofs=dataclasses.replace(design_file_of(part).proofs, floor=floor),
         )
         assert not certify(with_floor).ok

@@ -15,13 +15,13 @@ from lmi_cases import problem, table_1_problem
 from lockstep.check.errors import ProblemError
 from lockstep.lmi import document
 from lockstep.lmi.design import design
-from lockstep.lmi.design_verdict import Decided, certify
+from lockstep.lmi.design_verdict import ClaimDecisions, certify
 from lockstep.lmi.document import parse
 from lockstep.model.problem import Problem
 
 
 def file_of(posed: Problem) -> dict[str, Any]:
-    return json.loads(json.dumps(document.file_of(design(posed)).document()))
+    return json.loads(json.dumps(document.design_file_of(design(posed)).document()))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def table_1() -> dict[str, Any]:
     return file_of(table_1_problem())
 
 
-def verdict(file: dict[str, Any]) -> Decided:
+def verdict(file: dict[str, Any]) -> ClaimDecisions:
     return certify(parse(json.loads(json.dumps(file)), "memory"))
 
 

@@ -25,10 +25,10 @@ from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.design_json import initial_set_document, proofs_document
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse, read
+from lockstep.lmi.document import design_file_of, parse, read
 from lockstep.lmi.initial_set import InitialStates
 from lockstep.lmi.scope import domain_of, initial_states
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
@@ -63,7 +63,7 @@ def text_of(name: str) -> str:
     if name == "arms":
         return ARMS.read_text(encoding="utf-8")
     posed = {"modal": lambda: parse_problem(MODAL), "local": led, "fragile": fragile}[name]()
-    return json.dumps(as_shipped(file_of(design(posed))).document())
+    return json.dumps(as_shipped(design_file_of(design(posed))).document())
 
 
 NAMES = ("arms", *(pytest.param(name, marks=pytest.mark.slow) for name in ("modal", "local", "fragile")))
@@ -218,7 +218,7 @@ def test_a_local_claim_holds_a_few_ulps_off_in_the_sound_direction_only() -> Non
     stored = parse(json.loads(text_of("local")), "memory")
     claimed, c = stored.claims.initial_set, stored.proofs.initial_set or stored.proofs.certificate
     assert claimed is not None and c is not None
-    network = network_of(stored.problem, bound_again(stored))
+    network = network_of(stored.problem, reproved_bound(stored))
     domain = domain_of(stored.problem.agent())
     for name in ("level", "radius", "energy"):
         value = getattr(claimed, name)
@@ -247,7 +247,7 @@ def without_own_set() -> dict[str, Any]:
     """A file whose initial set is that of its certificate of rho."""
     file = json.loads(text_of("local"))
     stored = parse(file, "memory")
-    network, c = network_of(stored.problem, bound_again(stored)), stored.proofs.certificate
+    network, c = network_of(stored.problem, reproved_bound(stored)), stored.proofs.certificate
     assert c is not None
     found = initial_states(network, c)
     assert isinstance(found, InitialStates)

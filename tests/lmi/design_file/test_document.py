@@ -16,8 +16,8 @@ from lmi_cases import problem
 from lockstep.check.errors import ClaimError, ProblemError
 from lockstep.check.json_text import load_json
 from lockstep.lmi.design import design
-from lockstep.lmi.design_verdict import Decided, certify
-from lockstep.lmi.document import file_of, parse, read
+from lockstep.lmi.design_verdict import ClaimDecisions, certify
+from lockstep.lmi.document import design_file_of, parse, read
 
 GAINS = "\n".join(
     "[[design.gains]]\nA = [[-1.0]]\nB = [[0.0, 0.0]]\nC = [[0.0]]\nD = [[-1.5, -2.0]]" for _ in range(2)
@@ -33,7 +33,7 @@ def made() -> dict[str, Any]:
         network='agents = 2\ntopology = "path"\nparameters = [{ k = 1.0 }, { k = 1.5 }]',
         design=f'method = "given"\nweights = {{ state = [1.0, 0.5] }}\nfragility = {{ D = 0.05 }}\n{GAINS}',
     )
-    return json.loads(json.dumps(file_of(design(posed)).document()))
+    return json.loads(json.dumps(design_file_of(design(posed)).document()))
 
 
 FILE = made()
@@ -76,7 +76,7 @@ def without(path: tuple[Any, ...]) -> dict[str, Any]:
     return file
 
 
-def judged(file: Any) -> Decided | None:
+def judged(file: Any) -> ClaimDecisions | None:
     """Parse and certify; bad input and refused claims are answers, anything else that is raised is a failure."""
     try:
         return certify(parse(file, "memory"))

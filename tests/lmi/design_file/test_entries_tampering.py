@@ -13,13 +13,13 @@ from test_entries import pair
 from test_tampering import FACTORS, checker_says
 
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 
 
 @pytest.fixture(scope="module")
 def file() -> dict[str, Any]:
     """Three agents on a directed cycle: a' = u + 2 sin a + 0.02 sin b, b' = 20 a - b."""
-    made: dict[str, Any] = json.loads(json.dumps(file_of(design(pair(3, "cycle"))).document()))
+    made: dict[str, Any] = json.loads(json.dumps(design_file_of(design(pair(3, "cycle"))).document()))
     return made
 
 

@@ -20,7 +20,7 @@ from lmi_cases import table_1_problem
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.model.problem import Problem
 
 FACTORS = (
@@ -50,7 +50,7 @@ def files() -> list[dict[str, Any]]:
     fragile = made[0].document()
     fragile["design"]["fragility"] = {"D": 0.01}
     made.append(Problem.from_document(fragile))
-    files = [json.loads(json.dumps(file_of(design(problem)).document())) for problem in made]
+    files = [json.loads(json.dumps(design_file_of(design(problem)).document())) for problem in made]
     for file in files:  # the decay is another inequality with a P of its own, which the twin does not decide
         file["claims"]["decay"] = file["proofs"]["decay"] = None
     return files

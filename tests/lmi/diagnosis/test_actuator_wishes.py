@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lmi_cases import PATH_2, first_wishes, problem, stored
 
-from lockstep.lmi.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, wishes
+from lockstep.lmi.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, specifications
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.proposal import claim_of, proved_bound
@@ -27,7 +27,7 @@ def slider(most: float, order: int = 0, said: str = "") -> Problem:
 
 def limits_asked(posed: Problem) -> list[float]:
     bound = proved_bound(posed)
-    found = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    found = specifications(posed, network_of(posed, bound), claim_of(posed, bound))
     return [one.problem.document()["design"]["gain_limit"] for one in found]
 
 

@@ -7,7 +7,7 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import ProblemError
 from lockstep.lmi.design import design
-from lockstep.lmi.document import Stored, file_of, parse
+from lockstep.lmi.document import Stored, design_file_of, parse
 from lockstep.lmi.trade_off.rho_against_alpha import as_csv, curve
 
 
@@ -20,7 +20,7 @@ def stored(dynamics: dict[str, str], outputs: dict[str, str], D: list[float]) ->
         network='agents = 2\ntopology = "path"',
         design=f'method = "given"\n{gains}',
     )
-    return parse(json.loads(json.dumps(file_of(design(posed)).document())), "memory")
+    return parse(json.loads(json.dumps(design_file_of(design(posed)).document())), "memory")
 
 
 def test_the_curve_of_the_scalar_loop_is_1_over_4_minus_alpha() -> None:

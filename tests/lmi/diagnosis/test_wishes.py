@@ -7,13 +7,13 @@ from lmi_cases import PATH_2, first_wishes, problem, stored
 import lockstep
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.defaults import GAIN_LIMIT, wishes
+from lockstep.lmi.defaults import GAIN_LIMIT, specifications
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.guarantees import fastest_decay
 from lockstep.lmi.methods.certified import decays_held
 from lockstep.lmi.proposal import claim_of, proved_bound
-from lockstep.lmi.trade_off.pareto import Figures, ParetoPoint, front, pareto, pareto_csv
+from lockstep.lmi.trade_off.pareto import Figures, ParetoPoint, pareto, pareto_csv, pareto_front
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem
 
@@ -49,7 +49,7 @@ def test_what_is_left_out_is_asked_for_and_written_down() -> None:
 def test_a_file_that_names_a_weight_or_a_limit_is_asked_for_what_it_says(named: str) -> None:
     posed = scalar(f"order = 0\n{named}")
     bound = proved_bound(posed)
-    (only,) = wishes(posed, network_of(posed, bound), claim_of(posed, bound))
+    (only,) = specifications(posed, network_of(posed, bound), claim_of(posed, bound))
     assert only.problem is posed
     table = posed.document()["design"]
     assert "stable_controllers" not in table
@@ -269,8 +269,8 @@ def test_the_front_leaves_out_what_is_worse_in_both() -> None:
             [(1.0, 9.0, 0.1), (2.0, 5.0, 0.3), (3.0, 6.0, 0.2), (4.0, 1.0, 0.2)]
         )
     )
-    assert [one.name for one in front(points, "effort")] == ["3", "1", "0"]
-    assert [one.name for one in front(points, "decay")] == ["1", "0"]
+    assert [one.name for one in pareto_front(points, "effort")] == ["3", "1", "0"]
+    assert [one.name for one in pareto_front(points, "decay")] == ["1", "0"]
 
 
 def test_a_trade_off_of_given_gains_is_refused() -> None:

@@ -22,7 +22,7 @@ from lockstep.check.system.loop import Plant
 from lockstep.lmi.design import design
 from lockstep.lmi.design_json import floor_document
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.lmi.floor.bisection import largest_floor
 
 
@@ -115,7 +115,7 @@ def test_the_certificate_has_the_form_that_the_floor_is_about() -> None:
 @pytest.fixture(scope="module")
 def file(proved: FloorWitness) -> dict[str, Any]:
     """The published gains, whose method looks for no floor, with that of the arms."""
-    content = json.loads(json.dumps(file_of(design(table_1_problem())).document()))
+    content = json.loads(json.dumps(design_file_of(design(table_1_problem())).document()))
     assert (content["claims"]["floor"], content["proofs"]["floor"]) == (None, None)
     content["claims"]["floor"] = proved.rho
     content["proofs"]["floor"] = floor_document(proved)

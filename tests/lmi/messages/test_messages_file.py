@@ -11,7 +11,13 @@ from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.links import Messages
-from lockstep.lmi.sampled.messages.largest_faults import ConstantSlope, _breaking_age, bursts, delays, slopes
+from lockstep.lmi.sampled.messages.largest_faults import (
+    ConstantSlope,
+    _breaking_age,
+    bursts,
+    constant_slopes,
+    delays,
+)
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
 from lockstep.workflow.design import design
@@ -187,7 +193,7 @@ def test_ages_break_a_plain_integrator_where_theory_says():
 
     text = TEXT.replace("u - sin(x)", "u + 1e-9*sin(x)").replace("MESSAGES", "").replace("GAIN", "4.0")
     network, controllers, _ = prove_agreement(design(Problem.parse(text)).stored)
-    cases = [ConstantSlope(network, controllers, slope, said) for slope, said in slopes(network, ())]
+    cases = [ConstantSlope(network, controllers, slope, said) for slope, said in constant_slopes(network, ())]
     assert _breaking_age(cases, 0, delays)[0] == 4, "g = 0.4: 2 sin(pi / 14) = 0.445, 2 sin(pi / 18) = 0.347"
     assert _breaking_age(cases, 0, bursts)[0] >= 4
 

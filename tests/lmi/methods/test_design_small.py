@@ -17,7 +17,7 @@ from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, Prob
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.lmi.methods import certified
 from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.search import SearchResult
@@ -44,7 +44,7 @@ def checked(made: Proposal) -> Proposal:
     """Decide the design again: by the checker from its text, and by the twin from the agents' equations."""
     assert made.certified
     assert made.certificate is not None
-    stored = parse(json.loads(json.dumps(file_of(made).document())), "memory")
+    stored = parse(json.loads(json.dumps(design_file_of(made).document())), "memory")
     assert certify(stored).certified
     blocks = [{letter: getattr(made.gains, letter)[i] for letter in "ABCD"} for i in range(made.gains.N)]
     if (

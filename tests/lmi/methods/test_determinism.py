@@ -8,7 +8,7 @@ from lmi_cases import EXAMPLES
 from threadpoolctl import threadpool_info
 
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.model.problem import load_problem, parse_problem
 
@@ -19,7 +19,7 @@ def text(path: Path, jobs: int, **changes: str) -> str:
     for old, new in changes.items():
         assert old in posed
         posed = posed.replace(old, new)
-    return json.dumps(file_of(design(parse_problem(posed), jobs=jobs)).document())
+    return json.dumps(design_file_of(design(parse_problem(posed), jobs=jobs)).document())
 
 
 @pytest.mark.slow  # a minute of CPU time each

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lockstep.lmi.design import design
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.model.problem import Problem
 
 PATH = Path(__file__).parents[3] / "benchmarks" / "joins.py"
@@ -41,7 +41,7 @@ def joins():
 
 @pytest.fixture(scope="module")
 def stored():
-    return file_of(design(Problem.parse(PROBLEM)))
+    return design_file_of(design(Problem.parse(PROBLEM)))
 
 
 def test_no_sequence_breaks_the_bound(joins, stored):

@@ -17,7 +17,7 @@ from lockstep.check.system.laplacian_spectrum import decide_spectrum, metric
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of, parse
+from lockstep.lmi.document import design_file_of, parse
 from lockstep.lmi.methods.modal import design_modes, prove_modes, segment_ends, shared_gains, spectrum_bounds
 from lockstep.lmi.methods.modal_witness import witness
 from lockstep.model.graphs.graph import Graph
@@ -30,7 +30,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 @pytest.fixture(scope="module")
 def designed():
     """A designed path of four carts, as JSON types."""
-    return json.loads(json.dumps(file_of(design(parse_problem(CARTS))).document()))
+    return json.loads(json.dumps(design_file_of(design(parse_problem(CARTS))).document()))
 
 
 def normalised(graph: Graph) -> Graph:
@@ -238,7 +238,7 @@ def test_segments_are_as_fine_as_lowers_rho():
 @pytest.mark.parametrize("topology", ["path", "ring"])
 def test_fifty_double_integrators(topology):
     text = carts(dynamics='{ p = "v", v = "f" }', agents="50", topology=f'"{topology}"', starts="2")
-    content = json.loads(json.dumps(file_of(design(parse_problem(text))).document()))
+    content = json.loads(json.dumps(design_file_of(design(parse_problem(text))).document()))
     assert content["claims"]["certified"]
     # Measured 34.2 (path, lambda from 0.0039) and 4.2 (ring).
     assert content["claims"]["rho"] < {"path": 45.0, "ring": 5.0}[topology]
@@ -251,7 +251,7 @@ def test_fifty_arms_that_hear_each_other():
     text = text.replace("agents = 3\nedges = [[1, 2], [2, 3], [3, 1]]", 'agents = 50\ntopology = "complete"')
     text = text.replace('method = "certified"', 'method = "modal"\nstarts = 2')
     text = text[: text.index("[simulation]")]
-    content = json.loads(json.dumps(file_of(design(parse_problem(text))).document()))
+    content = json.loads(json.dumps(design_file_of(design(parse_problem(text))).document()))
     assert content["claims"]["alpha"] == 3.33
     # Measured 2.33, with a floor of 1.97.
     assert content["claims"]["floor"] < content["claims"]["rho"] < 3.0

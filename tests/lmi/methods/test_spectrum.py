@@ -24,7 +24,7 @@ from lockstep.check.system.loop import Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
-from lockstep.lmi.document import answer, file_of
+from lockstep.lmi.document import answer_document, design_file_of
 from lockstep.lmi.methods.modal_interval import CommonSearch
 from lockstep.lmi.sampled.modal.witnesses import certify_modal
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -55,7 +55,7 @@ def posed(network="spectrum = [1.0, 4.0]", order=0, design=""):
 
 @pytest.fixture(scope="module")
 def stored():
-    return as_shipped(file_of(design(posed())))
+    return as_shipped(design_file_of(design(posed())))
 
 
 def verdicts(document):
@@ -72,7 +72,7 @@ def test_certified_for_every_graph_and_as_it_ships(stored):
     found = verdicts(changed(stored, lambda _: None))
     assert all(one.proved for one in found.values()), found
     assert {"certificate", "decay", "sampled", "sampled_rho", "max_period"} <= set(found)
-    said = answer(stored)
+    said = answer_document(stored)
     assert said["spectrum"] == [1.0, 4.0] and said["max_degree"] == 4 and "graph_proof" not in said
     assert len(said["gains"]) == 1 and said["sampled"]["rho"] < 1.3 * said["rho"]
 

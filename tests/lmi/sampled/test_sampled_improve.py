@@ -15,9 +15,9 @@ from lockstep.lmi.sampled.synthesis.descent import ITERATIONS, STAGES, Descent, 
 from lockstep.lmi.sampled.synthesis.gains_for_period import (
     AtPeriod,
     StartingGains,
-    improved,
     in_search_units,
-    measured,
+    redesigned,
+    sampled_rho_of,
 )
 from lockstep.lmi.sampled.synthesis.tustin import pulled_back, tustin
 from lockstep.lmi.sampled.witnesses import in_doubles
@@ -53,8 +53,8 @@ def proved(at, found):
 @pytest.mark.slow
 def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     at = pendulums(0.2)
-    before, told = measured(at, K, np.ones(1)), list[float]()
-    found = improved(at, [START], tell=told.append)
+    before, told = sampled_rho_of(at, K, np.ones(1)), list[float]()
+    found = redesigned(at, [START], tell=told.append)
     assert told == sorted(told), "each stage is told, so that the time left is known"
     assert len(told) > 3
     assert told[-1] < 1
@@ -68,10 +68,10 @@ def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
 def test_the_decay_that_is_asked_for_is_kept():
     """The start decays at 1 1/s; a descent that does not know it ends with a slow mode of a controller, at 0.11 1/s."""
     at = replace(pendulums(0.2), decay=0.5)
-    found = improved(at, [START])
+    found = redesigned(at, [START])
     A_cl = pendulums(0.2).objective().continuous.A_cl(found.K)
     assert np.linalg.eigvals(A_cl).real.max() < -0.5
-    assert proved(at, found)[1].rho < 0.9 * measured(at, K, np.ones(1)).rho
+    assert proved(at, found)[1].rho < 0.9 * sampled_rho_of(at, K, np.ones(1)).rho
 
 
 def test_a_descent_ends_where_only_rounding_is_left_to_gain(monkeypatch):
@@ -96,28 +96,28 @@ def test_a_descent_ends_where_only_rounding_is_left_to_gain(monkeypatch):
 def test_where_the_time_is_over_one_stage_of_one_start_is_what_there_is():
     told = list[float]()
     at = replace(pendulums(0.2), deadline=Deadline(at=0.0))
-    found = improved(at, [START, START], tell=told.append)
+    found = redesigned(at, [START, START], tell=told.append)
     assert len(told) == 2, "a start that is begun, and its first stage"
-    assert found.rho <= measured(at, K, np.ones(1)).rho
+    assert found.rho <= sampled_rho_of(at, K, np.ones(1)).rho
 
 
 @pytest.mark.slow
 def test_noise_and_inputs_count_in_the_descent_for_the_period():
     """Where they were left to the judge, buck converters with a constant power load ended 13 % above other starts."""
     at = pendulums(0.2, weights=WEIGHED)
-    before = measured(at, K, np.ones(1))
-    without = improved(pendulums(0.2), [START])
-    assert measured(at, without.K, without.m).rho > before.rho, (
+    before = sampled_rho_of(at, K, np.ones(1))
+    without = redesigned(pendulums(0.2), [START])
+    assert sampled_rho_of(at, without.K, without.m).rho > before.rho, (
         "what is best without noise is worse than the start with it"
     )
-    assert improved(at, [START]).rho < 0.9 * before.rho
+    assert redesigned(at, [START]).rho < 0.9 * before.rho
 
 
 @pytest.mark.slow
 def test_the_best_of_several_starts_is_kept_and_a_start_is_never_made_worse():
     at = pendulums(0.2)
-    once = improved(at, [START])
-    again = improved(at, [replace(START, K=once.K, m=once.m), START])
+    once = redesigned(at, [START])
+    again = redesigned(at, [replace(START, K=once.K, m=once.m), START])
     assert again.rho <= once.rho
 
 
@@ -125,8 +125,8 @@ def test_the_best_of_several_starts_is_kept_and_a_start_is_never_made_worse():
 def test_a_period_that_the_start_does_not_survive_is_reached():
     at = pendulums(0.5)
     assert brute_force_radius(at.network, at.controllers(tustin(K, ORDER, 0.5))) > 1
-    assert measured(at, K, np.ones(1)) is None
-    found = improved(at, [START])
+    assert sampled_rho_of(at, K, np.ones(1)) is None
+    found = redesigned(at, [START])
     verdict, after = proved(at, found)
     assert verdict.certified
     assert after is not None
@@ -146,9 +146,11 @@ def test_units_of_the_file_make_no_difference(c):
     for name in ("A", "C", "G", "H"):
         assert getattr(there.network.plant, name).tolist() == getattr(inside.network.plant, name).tolist()
     assert (gains / others.gains == K / units.gains).all()
-    least = units.rho * measured(inside, K / units.gains, np.ones(1) / units.pair_weight).rho
-    assert least == pytest.approx(measured(base, K, np.ones(1)).rho, rel=1e-3)  # as far as rho is bisected
-    scaled = measured(there, gains / others.gains, np.ones(1) / others.pair_weight).rho
+    least = units.rho * sampled_rho_of(inside, K / units.gains, np.ones(1) / units.pair_weight).rho
+    assert least == pytest.approx(
+        sampled_rho_of(base, K, np.ones(1)).rho, rel=1e-3
+    )  # as far as rho is bisected
+    scaled = sampled_rho_of(there, gains / others.gains, np.ones(1) / others.pair_weight).rho
     assert others.rho * scaled == pytest.approx(least, rel=1e-9)
 
 
@@ -157,8 +159,8 @@ def test_units_of_the_file_make_no_difference(c):
 def test_linear_agents_are_designed_for_their_period_too(m):
     """Their multiplier is idle, and their continuous certificate states none, or 0."""
     at = pendulums(0.5, alpha=0.0)
-    assert measured(at, K, m) is None
-    found = improved(at, [replace(START, m=m)])
+    assert sampled_rho_of(at, K, m) is None
+    found = redesigned(at, [replace(START, m=m)])
     verdict, after = proved(at, found)
     assert verdict.certified
     assert after.rho == pytest.approx(found.rho, rel=0.01)
@@ -173,8 +175,8 @@ def test_what_no_gains_survive_is_refused():
     net = network([[3.0]], [[1.0]], [[1.0]], [[1.0]], [[1.0]], EDGES, N=2, alpha=1.0, period=4.0)
     at = AtPeriod(net, EDGES, Performance(np.eye(1), np.zeros((0, 0))), 0, 10.0)
     start = StartingGains(np.array([[[-4.0]]] * 2), np.ones(1), 3.0)
-    assert measured(at.at(0.05), start.K, start.m) is not None
-    assert improved(at, [start]) is None
+    assert sampled_rho_of(at.at(0.05), start.K, start.m) is not None
+    assert redesigned(at, [start]) is None
 
 
 @pytest.mark.parametrize(
@@ -238,7 +240,7 @@ def test_a_large_power_mean_crosses_zero_where_rho_is(weights, delay):
     """`least_rho` finds it by a Riccati equation and shares no formula with the response."""
     at = pendulums(0.1, delay=delay, weights=weights)
     loops = at.objective()
-    rho = measured(at, K, np.ones(1), (1.0,)).rho
+    rho = sampled_rho_of(at, K, np.ones(1), (1.0,)).rho
     points = loops.angles(K)
     assert loops.sampled(K, np.zeros(1), np.log(1.02 * rho), points, 2000.0).value < 0
     assert loops.sampled(K, np.zeros(1), np.log(0.97 * rho), points, 2000.0).value > 0
@@ -294,6 +296,6 @@ def test_a_descent_starts_from_weights_that_hold_nothing(weight):
     The one gain is measured at three places: a descent that is stuck at its start ends at 44 to 53, beyond the 10 %.
     """
     at, gain = locked()
-    assert measured(at, gain, np.array([weight]), scales=(1.0,)) is None
-    least = min(measured(locked(D)[0], locked(D)[1], np.array([16.0])).rho for D in (-4.22, -4.0, -3.7))
-    assert improved(at, [StartingGains(gain, np.array([weight]), 20.0)]).rho < 1.1 * least
+    assert sampled_rho_of(at, gain, np.array([weight]), scales=(1.0,)) is None
+    least = min(sampled_rho_of(locked(D)[0], locked(D)[1], np.array([16.0])).rho for D in (-4.22, -4.0, -3.7))
+    assert redesigned(at, [StartingGains(gain, np.array([weight]), 20.0)]).rho < 1.1 * least

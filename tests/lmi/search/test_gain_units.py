@@ -9,11 +9,11 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, PATH_2, arms, claim, first_wishe
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.errors import Infeasible
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.gain_limit import limit_barrier, within
+from lockstep.lmi.analysis.gain_limit import limit_barrier, projected
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
-from lockstep.lmi.document import file_of
+from lockstep.lmi.document import design_file_of
 from lockstep.lmi.methods.modal import design_modes
 from lockstep.lmi.methods.modal_newton import Together
 from lockstep.lmi.proposal import claim_of, proved_bound
@@ -49,10 +49,10 @@ def test_the_barrier_is_of_gains_over_their_limits_and_its_slope_that_of_differe
 
 def test_gains_are_brought_within_and_rounded_within() -> None:
     K = 40 * published().blocks
-    norms = [np.linalg.norm(one / L, 2) for one in within(K, L)]
+    norms = [np.linalg.norm(one / L, 2) for one in projected(K, L)]
     assert max(norms) == pytest.approx(1.0)
     assert max(np.linalg.norm(one / L, 2) for one in short_gains(K, L)) <= 1.0
-    np.testing.assert_array_equal(within(K, 1e6), K)
+    np.testing.assert_array_equal(projected(K, 1e6), K)
 
 
 def test_the_excess_over_the_limit_and_its_slope() -> None:
@@ -227,7 +227,7 @@ def test_the_protocol_of_the_literature_keeps_to_a_limit_in_units(said: str, fou
         return
     made = design(posed, jobs=1)
     assert max(np.linalg.norm(K / posed.gain_limit, 2) for K in made.gains.blocks) <= 1
-    assert certify(file_of(made)).certified
+    assert certify(design_file_of(made)).certified
 
 
 def test_a_limit_whose_square_is_no_double_is_none() -> None:

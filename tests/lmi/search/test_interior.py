@@ -13,7 +13,7 @@ from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.logdet import BalancedF
-from lockstep.lmi.search.random_start import begin
+from lockstep.lmi.search.random_start import run_start
 from lockstep.lmi.search.stopping import Deadline
 from lockstep.model.assembly import network_of
 from lockstep.model.bound_search import Entry
@@ -161,6 +161,6 @@ def test_a_large_search_does_not_depend_on_the_number_of_processes() -> None:
 
 def test_a_start_whose_time_is_over_says_so() -> None:
     search = GainSearch.of(*eight_carts(), 10.0)
-    cut = begin(search, None, 0, 0, deadline=Deadline(at=float("-inf")))
+    cut = run_start(search, None, 0, 0, deadline=Deadline(at=float("-inf")))
     assert not np.isfinite(cut.at.rho)
     assert search_gains(search, starts=1, seed=0, jobs=1, deadline=Deadline(at=float("-inf"))).cut

@@ -11,8 +11,8 @@ from lockstep.lmi.analysis.certificate_sdp import eliminates_P, least_rho
 from lockstep.lmi.methods.certified import equal_gains
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
-from lockstep.lmi.search.common_gains import ModalSearch, loop_of, representative
-from lockstep.lmi.search.random_start import begin, stable_gains
+from lockstep.lmi.search.common_gains import ModalSearch, loop_of, representative_eigenvalues
+from lockstep.lmi.search.random_start import run_start, stable_gains
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
@@ -82,7 +82,7 @@ def test_the_modes_of_a_normal_laplacian_have_the_poles_and_the_rho_of_the_whole
 
 def test_a_few_eigenvalues_stand_for_those_of_a_long_cycle():
     L = np.eye(10) - np.roll(np.eye(10), 1, axis=1)
-    found = representative(np.linalg.eigvals(L))
+    found = representative_eigenvalues(np.linalg.eigvals(L))
     assert abs(found[0]) == pytest.approx(2 * np.sin(np.pi / 10))
     assert len(found) == 4
     assert (found.imag >= 0).all()
@@ -90,7 +90,7 @@ def test_a_few_eigenvalues_stand_for_those_of_a_long_cycle():
 
 
 def test_a_small_loop_begins_with_gains_of_its_own():
-    assert not begin(begun_with(pendulums(3, 'topology = "cycle"')), None, 0, 1).equal
+    assert not run_start(begun_with(pendulums(3, 'topology = "cycle"')), None, 0, 1).equal
 
 
 CARRIERS = """
@@ -145,7 +145,7 @@ def test_ten_agents_begin_with_equal_gains_that_have_a_certificate(graph, regula
     assert eliminates_P(search.loop)
     assert isinstance(search.modes, ModalSearch)
     assert search.is_regular is regular
-    start = begin(search, None, 0, 1)
+    start = run_start(search, None, 0, 1)
     assert start.equal
     assert (start.at.K[0] == start.at.K).all()
     assert np.isfinite(start.at.rho)
@@ -154,6 +154,6 @@ def test_ten_agents_begin_with_equal_gains_that_have_a_certificate(graph, regula
     assert found is not None
     assert found.rho <= 1.01 * start.at.rho
     if not regular:
-        own = begin(search, None, 0, 0)
+        own = run_start(search, None, 0, 0)
         assert not own.equal
         assert np.ptp(own.at.K, axis=0).max() > 0

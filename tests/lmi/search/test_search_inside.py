@@ -5,13 +5,13 @@ import pytest
 from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import Certificate, F_matrix
-from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, tight
+from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho, tight_certificate
 from lockstep.lmi.analysis.rounding import prove
-from lockstep.lmi.analysis.strict_feasibility import inside
+from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
-from lockstep.lmi.search.hold_delay import hold, late
-from lockstep.lmi.search.random_start import StartResult, begin
+from lockstep.lmi.search.hold_delay import for_delay, with_input_delay
+from lockstep.lmi.search.random_start import StartResult, run_start
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import parse_problem
 
@@ -43,7 +43,7 @@ def test_the_solver_is_helped_where_the_poles_are_far_apart() -> None:
     bound = proved_bound(problem)
     network, claim = network_of(problem, bound), claim_of(problem, bound)
     what = GainSearch.of(network.loop(0), claim, 1000.0)
-    start = begin(what, None, 0, 0)
+    start = run_start(what, None, 0, 0)
     assert start.at.rho * what.units.rho == pytest.approx(200, rel=0.02)
     none = np.zeros((what.loop.n_x, what.loop.n_x))
     known = AffineF(what.loop, start.at.K, what.claim).certificate(
@@ -62,7 +62,7 @@ def test_a_point_inside_is_inside_and_there_is_none_below_the_least_rho() -> Non
     form = AffineF(loop, K, weights)
 
     def at(rho: float) -> object:
-        return inside(form.Z, form.constant, form.slopes, np.array([*least.m, rho**2]))
+        return strictly_feasible_point(form.Z, form.constant, form.slopes, np.array([*least.m, rho**2]))
 
     found = at(1.01 * least.rho)
     assert found is not None
@@ -74,8 +74,8 @@ def test_a_point_inside_is_inside_and_there_is_none_below_the_least_rho() -> Non
     near = least_rho(loop, K, weights, least)
     assert near is not None
     assert near.rho == pytest.approx(least.rho, rel=1e-3)
-    assert tight(loop, K, weights, 1.01 * least.rho, least) is not None
-    assert tight(loop, K, weights, 0.9 * least.rho, least) is None
+    assert tight_certificate(loop, K, weights, 1.01 * least.rho, least) is not None
+    assert tight_certificate(loop, K, weights, 0.9 * least.rho, least) is None
 
 
 ROOMS = {
@@ -102,7 +102,7 @@ def test_a_slow_plant_is_proved_at_the_rho_of_the_units_that_serve() -> None:
 def test_a_late_loop_is_the_loop_through_a_pade_approximant() -> None:
     """(2/tau - s) / (2/tau + s) at the inputs; at s = 0 it is 1, and without gains only its poles are added."""
     lag, what = 0.05, GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
-    slow, weights = late(what.loop, what.claim, lag)
+    slow, weights = with_input_delay(what.loop, what.claim, lag)
     K, n_d, N = published().blocks, what.loop.E.shape[1], what.loop.d.N
     assert np.trace(weights.R) == np.trace(what.claim.R)
     s = 0.7j
@@ -118,7 +118,7 @@ def test_a_late_loop_is_the_loop_through_a_pade_approximant() -> None:
             held = slow.Y[i][order:] @ np.linalg.solve(s * np.eye(slow.n_x) - slow.A_0, slow.U[j][:, order:])
             assert np.allclose(held, factor * own)
     assert np.linalg.matrix_rank(slow.E) == n_d
-    nearly, _ = late(what.loop, what.claim, 1e-7)
+    nearly, _ = with_input_delay(what.loop, what.claim, 1e-7)
     assert np.linalg.eigvals(nearly.A_cl(K)).real.max() == pytest.approx(
         np.linalg.eigvals(plain.A_cl(K)).real.max(), abs=1e-4
     )
@@ -155,13 +155,13 @@ def test_gains_too_fast_for_their_period_are_made_slower() -> None:
         GainSearch.of(network.loop(0), asked, 1000.0, 0.05),
         SampledScore.of(problem, network, asked),
     )
-    first: StartResult = begin(what, score, 0, 0)
+    first: StartResult = run_start(what, score, 0, 0)
     assert not np.isfinite(first.sampled)
-    held, late = hold(what, score, first)
+    held, late = for_delay(what, score, first)
     assert np.isfinite(held.sampled)
     assert late is None
     assert held.sampled < 2.0  # D = -5 on both has rho of about 0.1 in continuous time
-    assert hold(what, score, held)[0].sampled <= held.sampled
+    assert for_delay(what, score, held)[0].sampled <= held.sampled
 
 
 def test_gains_made_for_the_lag_are_a_start_where_no_lag_leaves_a_sampled_certificate() -> None:
@@ -170,8 +170,8 @@ def test_gains_made_for_the_lag_are_a_start_where_no_lag_leaves_a_sampled_certif
     bound = proved_bound(problem)
     network, asked = network_of(problem, bound), claim_of(problem, bound)
     what = GainSearch.of(network.loop(0), asked, 1000.0, 0.05)
-    first: StartResult = begin(what, lambda _K, _weights: np.inf, 0, 0)
-    found, late = hold(what, lambda _K, _weights: np.inf, first)
+    first: StartResult = run_start(what, lambda _K, _weights: np.inf, 0, 0)
+    found, late = for_delay(what, lambda _K, _weights: np.inf, first)
     assert found is first
     assert late is not None
     # Held over 0.1 s, x_d' = (D_1 + D_2) x_d is stable above -20; 0.99 of the limit are far below.

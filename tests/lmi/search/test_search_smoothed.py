@@ -11,7 +11,7 @@ from lmi_cases import ALPHA, arms, claim, published
 from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.search import GainSearch, search_time
-from lockstep.lmi.search.smoothed_norm import SmoothedNorm, descended, refined
+from lockstep.lmi.search.smoothed_norm import SmoothedNorm, norm_descent, refined_to_maximum
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
@@ -85,7 +85,7 @@ def test_how_long_a_search_of_many_linear_agents_is_likely_to_take(monkeypatch: 
     asked = Claim(0.0, np.eye(1), np.eye(1), np.zeros((3, 4)))
     linear = GainSearch.of(network.loop(1), asked, 50.0)
     monkeypatch.setattr(search_time, "eliminates_P", lambda _loop: True)
-    low, high = search_time.seconds(linear, 1)
+    low, high = search_time.range_of_seconds(linear, 1)
     assert 0 < low < high
 
 
@@ -145,8 +145,8 @@ def test_a_descent_from_the_published_gains_more_than_halves_their_rho() -> None
     what = search()
     start = least_rho(what.loop, published().blocks, what.claim)
     assert start is not None
-    found = descended(what.norm, published().blocks)
-    further = refined(what.norm, found)
+    found = norm_descent(what.norm, published().blocks)
+    further = refined_to_maximum(what.norm, found)
     assert further.rho <= found.rho < 0.5 * start.rho
     certified = least_rho(what.loop, further.K, what.claim)
     assert certified is not None

@@ -13,7 +13,7 @@ from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch
-from lockstep.lmi.search.random_start import begin
+from lockstep.lmi.search.random_start import run_start
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import load_problem
 
@@ -82,7 +82,7 @@ def test_the_proof_finds_the_rho_of_numbers_that_are_far_from_one() -> None:
     bound = proved_bound(posed)
     network, weights = network_of(posed, bound), claim_of(posed, bound)
     search = GainSearch.of(network.loop(posed.order), weights, posed.design.gain_limit)
-    start = begin(search, None, 0, 0)
+    start = run_start(search, None, 0, 0)
     gains = Gains.from_blocks(short_gains(start.at.K, posed.design.gain_limit), posed.order)
     # The response at the frequencies, for multipliers that the certificate may better: no storage function in it.
     assert prove(network, gains, weights).rho < 1.02 * search.units.rho * start.at.rho
@@ -104,7 +104,7 @@ def least_start(hour: float) -> float:
     bound = proved_bound(posed)
     loop, weights = network_of(posed, bound).loop(2), claim_of(posed, bound)
     search = GainSearch.of(loop, weights, 6.4, rate=0.6 / hour)
-    found = [begin(search, None, 0, index) for index in range(2)]
+    found = [run_start(search, None, 0, index) for index in range(2)]
     assert all(start.abscissa < 0 for start in found)
     return min(search.units.rho * start.at.rho for start in found) / hour
 

@@ -14,7 +14,7 @@ from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
-from lockstep.lmi.search.random_start import begin, climb
+from lockstep.lmi.search.random_start import homotopy, run_start
 from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stabilise import abscissa, real_part, stabilise
 from lockstep.model.assembly import network_of
@@ -94,7 +94,7 @@ def test_the_nonlinear_program_improves_and_keeps_to_the_gain_limit() -> None:
 
 def test_one_start_is_a_function_of_its_seed() -> None:
     search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
-    first, again, other = (begin(search, None, 3, index) for index in (1, 1, 2))
+    first, again, other = (run_start(search, None, 3, index) for index in (1, 1, 2))
     np.testing.assert_array_equal(first.at.K, again.at.K)
     assert first.rank == again.rank
     assert not np.array_equal(first.at.K, other.at.K)
@@ -103,7 +103,7 @@ def test_one_start_is_a_function_of_its_seed() -> None:
 def test_every_other_start_has_equal_gains() -> None:
     """The descent on the abscissa may part them again, where the graph is not symmetric: here it is."""
     search = GainSearch.of(*pendulums("order = 0\ngain_limit = 10.0"), 10.0)
-    K = begin(search, None, 0, 1).at.K
+    K = run_start(search, None, 0, 1).at.K
     np.testing.assert_allclose(K[0], K[1], rtol=1e-6)
 
 
@@ -141,7 +141,7 @@ def test_a_history_never_rises() -> None:
 def test_every_start_of_an_easy_problem_leads_somewhere() -> None:
     """Two pendulums are stabilised by D = [-1, -1]."""
     search = GainSearch.of(*pendulums(), 10.0)
-    assert all(np.isfinite(begin(search, None, 0, index).at.rho) for index in range(4))
+    assert all(np.isfinite(run_start(search, None, 0, index).at.rho) for index in range(4))
 
 
 def at_rest(K: np.ndarray) -> Descended:
@@ -153,10 +153,10 @@ def test_a_climb_tells_how_far_it_came() -> None:
     """Static gains on two pendulums that measure the angle alone: agreement needs the rate."""
     search = GainSearch.of(*pendulums(), 10.0)
     K = np.array([[[-3.0, 0.1, 0.2], [0.3, -1.0, -1.0]], [[-2.0, 0.2, 0.1], [0.2, -1.0, -2.0]]])
-    whole = climb(search, at_rest(K))
+    whole = homotopy(search, at_rest(K))
     assert whole is not None
     assert whole.certified == whole.claimed == 1.0
-    assert climb(search, at_rest(-K)) is None  # not stable: no part of the claim is carried
+    assert homotopy(search, at_rest(-K)) is None  # not stable: no part of the claim is carried
 
 
 def test_short_gains_stay_within_the_limit() -> None:

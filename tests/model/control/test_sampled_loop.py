@@ -271,9 +271,9 @@ def test_the_gang_of_four_is_that_of_the_controller_and_what_it_sees(arms):
     loop = arms.loop(sampled=False)
     found = loop.gang_of_four(2)
     u, r = loop.inputs_of(2), loop.relative_outputs_of(2)
-    from lockstep.model.control.wiring import joined
+    from lockstep.model.control.wiring import joined_systems
 
-    rest = joined([part for k, part in enumerate(loop.parts) if k != 2])
+    rest = joined_systems([part for k, part in enumerate(loop.parts) if k != 2])
     columns, rows = [rest.inputs.index(s) for s in u], [rest.outputs.index(s) for s in r]
     P = control.ss(rest.A, rest.B[:, columns], rest.C[rows], rest.D[np.ix_(rows, columns)])
     g = arms.gains

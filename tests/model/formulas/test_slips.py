@@ -9,7 +9,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import SPELLED
 from lockstep.model.assembly import bound_of
 from lockstep.model.checks import actuators, check_problem, nonlinearity, plausibility
-from lockstep.model.formulas.confusables import keyboard_for
+from lockstep.model.formulas.confusables import typed_instead
 from lockstep.model.problem import Problem
 from lockstep.workflow.design import doubts
 
@@ -142,8 +142,8 @@ def test_without_limits_or_a_start_nothing_is_said_of_actuators():
 
 
 def test_an_agent_that_moves_away_by_itself_is_noted():
-    assert list(plausibility.alone(Problem.parse(PENDULUM))) == []
-    (row,) = plausibility.alone(Problem.parse(PENDULUM.replace("- 0.1*omega", "+ 0.1*omega")))
+    assert list(plausibility.unstable_alone(Problem.parse(PENDULUM))) == []
+    (row,) = plausibility.unstable_alone(Problem.parse(PENDULUM.replace("- 0.1*omega", "+ 0.1*omega")))
     assert (row.verdict, "0.05 1/s" in row.figure) == ("note", True)  # s^2 - 0.1 s + 16 = 0: Re s = 0.05
 
 
@@ -240,7 +240,7 @@ def test_what_only_looks_like_a_character_of_the_keyboard_is_offered_as_it(old, 
 
 
 def test_letters_of_other_alphabets_that_look_like_nothing_here_are_not():
-    assert keyboard_for("e") == keyboard_for("\u00e9") == ""
+    assert typed_instead("e") == typed_instead("\u00e9") == ""
     with pytest.raises(ProblemError) as refused:
         with_change("w2*sin", "\u00e9*sin")
     assert "write" not in refused.value.remedy

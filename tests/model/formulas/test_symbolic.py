@@ -14,7 +14,7 @@ from lockstep.check.system.agent import ExactAgent
 from lockstep.model.agents.agent import Agent
 from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.formulas.expression import parse_expression
-from lockstep.model.formulas.symbolic import rounds, symbolic
+from lockstep.model.formulas.symbolic import rounds_a_coefficient, symbolic
 
 X, Y, T, U = (ca.SX.sym(name) for name in "xytu")
 TEXTS = [
@@ -69,8 +69,8 @@ def test_operations_that_texts_do_not_have_are_written_too(operation):
 )
 def test_a_coefficient_that_is_rounded_is_said_to_be(coefficient, rounded):
     node = linear(0, [(coefficient, variable(0))])
-    assert rounds(node) is rounded
-    assert rounds(constant(Fraction(1, 3)))
+    assert rounds_a_coefficient(node) is rounded
+    assert rounds_a_coefficient(constant(Fraction(1, 3)))
 
 
 def test_a_coefficient_above_all_doubles_is_refused():

@@ -7,7 +7,7 @@ import pytest
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.graph import Digraph
 from lockstep.model.graphs import membership as members
-from lockstep.model.graphs.membership import largest_from_degrees, membership, within
+from lockstep.model.graphs.membership import largest_from_degrees, membership, within_interval
 from lockstep.model.graphs.sparse_graph import SparseGraph, read_graph
 from lockstep.model.problem import Problem
 
@@ -145,10 +145,10 @@ def test_directed_and_disconnected_graphs_are_refused():
 
 def test_an_interval_asked_for_has_to_hold_what_is_shown():
     found = membership(of(nx.cycle_graph(12)))
-    assert within(found, 0.2, 4.0).lower == 0.2
+    assert within_interval(found, 0.2, 4.0).lower == 0.2
     for lower, upper in ((0.3, 4.0), (0.2, 3.9)):
         with pytest.raises(ProblemError, match="inertia"):
-            within(found, lower, upper)
+            within_interval(found, lower, upper)
 
 
 PROBLEM = """

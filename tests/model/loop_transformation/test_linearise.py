@@ -83,7 +83,7 @@ def test_where_no_amount_fits_the_rounded_entries_are_named() -> None:
     agent = pair("0.1*x - sin(x - y)", "0.3*y + sin(x - y) + u")
     assert set(agent.lure.rounded) == {"A[1,1]", "A[2,2]"}
     np.testing.assert_array_equal(agent.lure.A, [[0.1 - 1, 1], [1, 0.3 - 1]])
-    row = nonlinearity.numbers(agent)
+    row = nonlinearity.exact_numbers(agent)
     assert row.verdict == "ok"  # the search rounds them; what is proved is proved of the exact ones
     assert "A[1,1], A[2,2]" in row.figure
 
@@ -105,7 +105,7 @@ def test_where_no_amount_fits_the_rounded_entries_are_named() -> None:
 def test_what_is_rounded_is_named(first: str, output: str, rounded: tuple) -> None:
     agent = pair(first, "u - y", split="terms", output=output)
     assert agent.lure.rounded == rounded
-    assert ("none is rounded" in nonlinearity.numbers(agent).figure) is (not rounded)
+    assert ("none is rounded" in nonlinearity.exact_numbers(agent).figure) is (not rounded)
     assert pair(first, "u - y", split="terms", output=output, centre=True).lure.rounded == rounded
 
 

@@ -17,7 +17,7 @@ from lockstep.check.sampled.controller import PRECISIONS
 from lockstep.check.sampled.inequality import Witness
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.simulation.divergence import left_domain
@@ -112,7 +112,7 @@ def promise(stored: Stored, kind: Kind) -> Promise:
 
 def network_of_design(stored: Stored) -> Network:
     """Return the network of a design, with the scales its bound is proved with: those its P belongs to."""
-    return network_of(stored.problem, bound_again(stored))
+    return network_of(stored.problem, reproved_bound(stored))
 
 
 def weights_of_design(stored: Stored, network: Network) -> RhoWeights:

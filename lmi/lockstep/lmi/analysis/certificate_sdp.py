@@ -17,7 +17,7 @@ from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Certificate, Claim, inequality
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.frequency_multipliers import MOST_ENTRIES, PAIR, least_by_frequencies, storage_at
-from lockstep.lmi.analysis.strict_feasibility import inside
+from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 from lockstep.lmi.shapes import GainBlocks, Multipliers
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class AffineF:
 
     def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Multipliers) -> Certificate:
         """Return the unknowns as a certificate."""
-        m, m_entries = split(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
+        m, m_entries = split_multipliers(self.loop, self.claim, np.maximum(w[: self.pairs], 0.0))
         t = np.maximum(w[self.pairs : self.pairs + self.ways], 0.0)
         return Certificate(float(np.sqrt(max(w[-1], 0.0))), (P + P.T) / 2, m, t, m_entries)
 
@@ -140,7 +140,7 @@ def least_rho(
     return min((one for one in (found, again) if one is not None), key=lambda one: one.rho, default=None)
 
 
-def tight(
+def tight_certificate(
     loop: Loop,
     gains: GainBlocks,
     claim: Claim,
@@ -175,11 +175,16 @@ def _smallest(b: "Balanced", rho: float) -> Certificate | None:
     F = _expression(b, P, w, 1.0)
     conditions = [P >> s * np.eye(n_x), F + s * np.eye(n_F) << 0, w[-1] == rho**2 * b.norms[-1], s <= 1]
     conditions += [w[:-1] >= 0] if len(b.norms) > 1 else []
-    if not run(cp.Problem(cp.Maximize(s), conditions)) or s.value is None or s.value <= 0 or P.value is None:
+    if (
+        not solve_sdp(cp.Problem(cp.Maximize(s), conditions))
+        or s.value is None
+        or s.value <= 0
+        or P.value is None
+    ):
         return None
     candidate = b.certificate(P.value, w.value, rho)
     room = ROOM * float(s.value)
-    if run(cp.Problem(cp.Minimize(cp.trace(P)), [*conditions, s == room])) and P.value is not None:
+    if solve_sdp(cp.Problem(cp.Minimize(cp.trace(P)), [*conditions, s == room])) and P.value is not None:
         worst = float(np.linalg.eigvalsh(F.value)[-1])
         if worst <= -room / 2:
             return b.certificate(P.value, w.value, rho)
@@ -237,7 +242,7 @@ def balance(form: AffineF) -> Balanced | None:
 def balance_inside(form: AffineF, near: Certificate) -> Balanced | None:
     """Return the inequality in the units of a point inside it: P^ = I, w^ = 1 and -1 on the diagonal of F^; None where
     multipliers near those given have none."""
-    found = inside(form.Z, form.constant, form.slopes, form.multipliers(near))
+    found = strictly_feasible_point(form.Z, form.constant, form.slopes, form.multipliers(near))
     if found is None:
         return None
     P, w, F = found
@@ -263,7 +268,7 @@ def _least(b: Balanced, unit: float) -> tuple[Certificate | None, bool]:
     F = _expression(b, P, w, unit)
     conditions = [P >> 0, F << 0] + ([w[:-1] >= 0] if len(b.norms) > 1 else [])
     problem = cp.Problem(cp.Minimize(w[-1]), conditions)
-    if not run(problem) or P.value is None or w.value is None:
+    if not solve_sdp(problem) or P.value is None or w.value is None:
         return None, problem.status in REFUSED
     if float(np.linalg.eigvalsh(F.value)[-1]) > ACCEPTED * max(1.0, np.abs(F.value).max()):
         return None, False
@@ -282,7 +287,7 @@ def _expression(b: Balanced, P: "cp.Variable", w: "cp.Variable", unit: float) ->
     return (F + F.T) / 2
 
 
-def split(
+def split_multipliers(
     loop: Loop, claim: Claim, weights: Float[np.ndarray, " weights"]
 ) -> tuple[Float[np.ndarray, " pairs"], Float[np.ndarray, "entries pairs"]]:
     """Return m and m_entries from one vector of them, which is empty where there is no nonlinearity: then m is 0."""
@@ -291,7 +296,7 @@ def split(
     return m, weights[pairs:].reshape(len(claim.entries), pairs)
 
 
-def run(problem: "cp.Problem", *, decompose: bool = True) -> bool:
+def solve_sdp(problem: "cp.Problem", *, decompose: bool = True) -> bool:
     """Solve with Clarabel; its warnings about accuracy are dropped because nothing here relies on it.
 
     Args:

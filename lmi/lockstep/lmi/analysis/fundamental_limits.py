@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from lockstep.check.numbers import exactly
 from lockstep.check.system.loop import Plant
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.model.network import Network
 
 SIZES = (1e4, 1e6)
@@ -73,7 +73,7 @@ def _least_gamma(plant: Plant, size: float) -> float | None:
     coupled = cp.bmat([[X, np.eye(n)], [np.eye(n), Y]])
     conditions = [primal << 0, dual << 0, coupled >> 0, cp.trace(X) <= size, cp.trace(Y) <= size]
     problem = cp.Problem(cp.Minimize(gamma), conditions)
-    return float(gamma.value) if run(problem) and gamma.value is not None else None
+    return float(gamma.value) if solve_sdp(problem) and gamma.value is not None else None
 
 
 def _bordered(

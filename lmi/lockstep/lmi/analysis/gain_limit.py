@@ -9,17 +9,17 @@ import numpy as np
 from lockstep.lmi.shapes import GainBlocks, GainLimit
 
 
-def units_in(limit: GainLimit) -> float:
+def limit_in_units(limit: GainLimit) -> float:
     """Return how many units a limit is: its number; where each entry has its own, the norm of gains that are all one."""
     return float(limit) if np.ndim(limit) == 0 else float(np.sqrt(np.size(limit)))
 
 
-def said_of(limit: GainLimit) -> str:
+def limit_text(limit: GainLimit) -> str:
     """Return what a limit is, for people."""
     return f"gain_limit {limit:g}" if np.ndim(limit) == 0 else "gain_limit, in [design.gain_units],"
 
 
-def within(K: GainBlocks, limit: GainLimit) -> GainBlocks:
+def projected(K: GainBlocks, limit: GainLimit) -> GainBlocks:
     """Return gains of which those of agents that exceed the limit are scaled down to it."""
     norms = np.linalg.norm(K / limit, 2, axis=(1, 2))
     return np.asarray(K * np.minimum(1.0, 1 / np.maximum(norms, 1e-300))[:, None, None])

@@ -14,7 +14,7 @@ Block = tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "k n n"]]
 
 
 @dataclass(frozen=True)
-class Solved:
+class SdpSolution:
     """x, its value c'x, and the multiplier Z_b >= 0 of each block: dvalue = -sum_b <Z_b, dM_b> for a change dM_b."""
 
     x: Float[np.ndarray, " k"]
@@ -22,7 +22,9 @@ class Solved:
     duals: tuple[Float[np.ndarray, "n n"], ...]
 
 
-def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: float = 1e-8) -> Solved | None:
+def minimise(
+    cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: float = 1e-8
+) -> SdpSolution | None:
     """Solve the program; None where the solver finds no solution.
 
     >>> one, zero = np.ones((1, 1)), np.zeros((1, 1))
@@ -54,7 +56,7 @@ def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: floa
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return None
     solved = clarabel.DefaultSolver(csc_matrix((k, k)), cost, csc_matrix(A), b, cones, settings).solve()
-    if str(solved.status) not in ("Solved", "AlmostSolved"):
+    if str(solved.status) not in ("SdpSolution", "AlmostSolved"):
         return None
     duals, at = [], 0
     for (constant, _), unit in zip(blocks, units, strict=True):
@@ -64,7 +66,7 @@ def least(cost: Float[np.ndarray, " k"], blocks: Sequence[Block], accuracy: floa
         duals.append((Z + Z.T - np.diag(np.diag(Z))) * unit)
         at += len(i)
     x = np.array(solved.x)
-    return Solved(x, float(cost @ x), tuple(duals))
+    return SdpSolution(x, float(cost @ x), tuple(duals))
 
 
 def symmetric_basis(n: int) -> Float[np.ndarray, "k n n"]:
@@ -81,7 +83,7 @@ def _triangle(n: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
     return i, j
 
 
-def factor(square: Float[np.ndarray, "n n"], nothing: float = 1e-13) -> Float[np.ndarray, "n k"]:
+def square_root_factor(square: Float[np.ndarray, "n n"], nothing: float = 1e-13) -> Float[np.ndarray, "n k"]:
     """Return F of full column rank with F F' = the square, but for eigenvalues of at most so small a part of the largest."""
     values, vectors = np.linalg.eigh(square)
     kept = values > nothing * max(float(values.max(initial=0.0)), 1e-300)

@@ -31,7 +31,7 @@ LEAST = 1e-6
 """Multipliers are at least this part of the largest one: at zero there is nothing to take a unit from."""
 
 
-def inside(
+def strictly_feasible_point(
     Z: Float[np.ndarray, "n_x n_F"],
     constant: Float[np.ndarray, "n_F n_F"],
     slopes: Float[np.ndarray, "w n_F n_F"],

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop, Plant
 from lockstep.lmi.analysis.margins import claim_at
-from lockstep.model.loop_transformation.natural_units import natural
+from lockstep.model.loop_transformation.natural_units import natural_units
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
         claim: alpha, R, Q and delta.
     """
     plant, order, N = loop.plant, loop.order, len(loop.U)
-    S, inputs, outputs, time, g = natural(plant, claim.alpha, claim.R)
+    S, inputs, outputs, time, g = natural_units(plant, claim.alpha, claim.R)
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
     state = np.concatenate([np.tile(S, loop.d.N - 1), np.tile(S_C, N)])
     a = 2.0 ** round(np.log2(claim.alpha)) if claim.alpha else 1.0

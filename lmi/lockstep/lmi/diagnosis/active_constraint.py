@@ -21,7 +21,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.common_gains import loops_at
-from lockstep.lmi.search.random_start import GainSearch, begin, climb
+from lockstep.lmi.search.random_start import GainSearch, homotopy, run_start
 from lockstep.lmi.search.stabilise import stabilise_mode
 from lockstep.lmi.shapes import GainLimit
 from lockstep.model.network import Network
@@ -63,8 +63,8 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: Ga
     """Tell whether a short search finds gains for the whole claim and their certificate is proved."""
     search = GainSearch.of(network.loop(problem.order), claim, gain_limit)
     for index in range(STARTS):
-        start = begin(search, None, problem.design.seed, index)
-        reached = climb(search, start.at) if start.abscissa < 0 else None
+        start = run_start(search, None, problem.design.seed, index)
+        reached = homotopy(search, start.at) if start.abscissa < 0 else None
         if reached is None or reached.certified < 1:
             continue
         gains = Gains.from_blocks(short_gains(reached.point.K, gain_limit), problem.order)

@@ -184,7 +184,7 @@ class _Cover:
         found, proved = self._point(lower, upper)
         if found is None or proved:
             return None if found is None else (found.piece,)
-        mu = cut(lower, upper, found.mu)
+        mu = cut_point(lower, upper, found.mu)
         if not lower < mu < upper or not self._point(mu, mu)[1]:
             return None
         left = self._between(lower, mu)
@@ -215,7 +215,7 @@ def _point(
     return found, False
 
 
-def cut(lower: float, upper: float, mu: float) -> float:
+def cut_point(lower: float, upper: float, mu: float) -> float:
     """Return where to cut [lower, upper], near mu, which may be none.
 
     >>> cut(0.0, math.inf, 2.0), cut(1.0, math.inf, 2.0), cut(0.0, 1.0, 0.05), cut(1.0, 100.0, math.nan)
@@ -238,11 +238,11 @@ def _shortened(agent: FloorAgent, witness: FloorWitness) -> FloorWitness:
     pieces = []
     for lower, piece in zip(ends, witness.pieces, strict=False):
         stated = of_piece(agent, witness.rho, lower, piece.upper)
-        shorter = (in_digits(piece, digits) for digits in DIGITS)
+        shorter = (rounded_piece(piece, digits) for digits in DIGITS)
         pieces.append(next((one for one in shorter if excludes(stated, one, lower)), piece))
     return replace(witness, pieces=tuple(pieces))
 
 
-def in_digits(piece: Piece, digits: int) -> Piece:
+def rounded_piece(piece: Piece, digits: int) -> Piece:
     """Return a piece whose numbers have so many significant decimals."""
     return Piece(piece.upper, *(significant(M, digits) for M in (piece.Z, piece.Z_dual, piece.k)))

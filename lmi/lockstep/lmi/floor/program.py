@@ -60,7 +60,7 @@ def _root(diagonal: Vector) -> Vector:
     return np.asarray(np.sqrt(np.maximum(diagonal, LEAST_PART * largest)))
 
 
-class Linear(NamedTuple):
+class LinearTerms(NamedTuple):
     """What is linear in v, as matrices: the triangle of Z_c, rows flow Z e of both sides, and (c_0, c_1, c_2)."""
 
     Z_c: Matrix
@@ -103,12 +103,12 @@ class FloorProgram:
         return matrix_of(self.linear.Z_c @ v, self.stated.primal.k + self.stated.dual.k)
 
     @cached_property
-    def linear(self) -> Linear:
+    def linear(self) -> LinearTerms:
         """Return the linear terms, from their values at the unit vectors."""
         sides = _InDoubles.of(self.stated.primal), _InDoubles.of(self.stated.dual)
         coupling = as_floats(self.stated.coupling)
         values = [self._terms(unit, sides, coupling) for unit in np.eye(self.count)]
-        return Linear(*(np.array(one).T for one in zip(*values, strict=True)))
+        return LinearTerms(*(np.array(one).T for one in zip(*values, strict=True)))
 
     def _terms(
         self, v: Vector, sides: "tuple[_InDoubles, _InDoubles]", coupling: Matrix

@@ -24,10 +24,10 @@ from lockstep.lmi.methods.modal import segment_ends
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.search import GainSearch, Polished, Score, SearchResult, search_gains
-from lockstep.lmi.search.common_gains import ModalSearch, representative
+from lockstep.lmi.search.common_gains import ModalSearch, representative_eigenvalues
 from lockstep.lmi.search.fastest_decay import raised_decay
-from lockstep.lmi.search.random_start import Climbed, without_P
-from lockstep.lmi.search.search_time import likely
+from lockstep.lmi.search.random_start import Homotopy, multipliers_only
+from lockstep.lmi.search.search_time import estimated_time
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.model.assembly import exact_network
 from lockstep.model.network import Network
@@ -69,7 +69,7 @@ class CertifiedGains:
     others: tuple[StartingGains, ...] = ()
 
 
-def searched(
+def search_and_prove(
     problem: Problem,
     network: Network,
     claim: Claim,
@@ -114,7 +114,7 @@ def searched(
         search = GainSearch.of(decaying.loop(problem.order), claim, problem.gain_limit, lag, rate, modes)
         of = f"{table.gain_limit:g}{' in [design.gain_units]' if table.gain_units else ''}"
         told = {
-            "tell": partial(_tell_search, tell, of, likely(search, table.starts, jobs)),
+            "tell": partial(_tell_search, tell, of, estimated_time(search, table.starts, jobs)),
             "deadline": deadline,
         }
         effort: dict[str, Any] = {"score": score, "rho": rho, "jobs": jobs, **told}
@@ -171,7 +171,7 @@ def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | 
     try:
         ends = segment_ends(network, check_covered(network.matrices, claim))
     except ProblemError:
-        ends = representative(np.linalg.eigvals(network.graph.laplacian))
+        ends = representative_eigenvalues(np.linalg.eigvals(network.graph.laplacian))
     modes = Modes(plant, problem.order, network.decay)
     return ModalSearch.of(modes, claim, ends, problem.gain_limit, rate)
 
@@ -257,7 +257,7 @@ def starts_for_period(found: SearchResult, taken: Polished, search: GainSearch) 
 
     Gains made for the lag of the period come before other outcomes, and in place of those that the period spoils.
     """
-    late = ((one.at.K, without_P(search, one.at)) for one in found.late)
+    late = ((one.at.K, multipliers_only(search, one.at)) for one in found.late)
     others = (
         (one.K, one.certificate)
         for one in found.outcomes
@@ -399,7 +399,7 @@ def _nothing_at_all(
     )
 
 
-def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nearest: Climbed) -> Infeasible:
+def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nearest: Homotopy) -> Infeasible:
     """Certify how far the nearest gains carry."""
     with one_thread():
         part = largest_fraction(network.loop(problem.order), nearest.point.K, claim, nearest.certified)

@@ -26,9 +26,9 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.errors import Infeasible, demand
 from lockstep.check.system.loop import Gains, Plant
-from lockstep.lmi.analysis.certificate_sdp import least_rho, run
+from lockstep.lmi.analysis.certificate_sdp import least_rho, solve_sdp
 from lockstep.lmi.analysis.connectivity import connectivity
-from lockstep.lmi.analysis.gain_limit import said_of
+from lockstep.lmi.analysis.gain_limit import limit_text
 from lockstep.lmi.shapes import GainLimit
 from lockstep.model.network import Network
 
@@ -81,7 +81,7 @@ def first_step(plant: Plant, alpha: float, decay: float) -> FirstStep | None:
     head = A @ X + X @ A.T + 2 * decay * X - B @ B.T + s * alpha**2 * (G @ G.T)
     whole = cp.bmat([[head, X @ H.T], [H @ X, -s * np.eye(v)]]) if v else head
     conditions = [(whole + whole.T) / 2 << 0, cp.bmat([[W, B.T], [B, X]]) >> 0, s >= 1e-9]
-    if not run(cp.Problem(cp.Minimize(cp.trace(W)), conditions)) or X.value is None or s.value is None:
+    if not solve_sdp(cp.Problem(cp.Minimize(cp.trace(W)), conditions)) or X.value is None or s.value is None:
         return None
     tau = 1.0 / float(s.value) if v else 1.0
     P = tau * (X.value + X.value.T) / 2
@@ -141,7 +141,7 @@ def design_protocol(network: Network, claim: Claim, gain_limit: GainLimit) -> Pr
     if best is None:
         raise Infeasible(
             f"the protocols that step 1 gives have gains of {min(norms):.4g} to {max(norms):.4g}, and none"
-            f" within {said_of(gain_limit)} is certified",
+            f" within {limit_text(gain_limit)} is certified",
             least_gain=min(norms),
         )
     return best[1]

@@ -22,7 +22,7 @@ from lockstep.check.psd import MOST_ROWS
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage
-from lockstep.lmi.analysis.gain_limit import said_of
+from lockstep.lmi.analysis.gain_limit import limit_text
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.methods.modal_interval import CommonSearch
 from lockstep.lmi.methods.modal_search import ModalCandidate, drawn, from_start
@@ -95,7 +95,7 @@ def design_modes(
         served = largest_ratio(search, seed, rate, common=False) if ratio > RATIO else 1.0
         wide = f"; that is a ratio of {ratio:.4g}, and the largest up to {search.ends[-1]:.4g} that gains were found for is"
         raise Infeasible(
-            f"no identical gains of order {order} within {said_of(gain_limit)} were found that carry alpha ="
+            f"no identical gains of order {order} within {limit_text(gain_limit)} were found that carry alpha ="
             f" {claim.alpha:.6g} for every lambda from {search.ends[0]:.4g} to {search.ends[-1]:.4g}; the best of"
             f" {starts} starts carried {reached:.3g} of it"
             + (f"{wide} {served:.4g}: {POORLY}" if ratio > RATIO else ""),
@@ -145,7 +145,7 @@ def _common(
     if best is None:
         reached = largest_ratio(search, seed, rate, common=True)
         raise Infeasible(
-            f"no identical gains of order {search.modes.order} within {said_of(search.gain_limit)} were found with one P"
+            f"no identical gains of order {search.modes.order} within {limit_text(search.gain_limit)} were found with one P"
             f" for every lambda from {a:.4g} to {b:.4g}, a ratio of {b / a:.4g}; the largest ratio up to {b:.4g} for which"
             f" some were found is {reached:.4g}: {POORLY}",
             alpha=search.claim.alpha,

@@ -21,8 +21,8 @@ from jaxtyping import Float
 from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.gain_limit import limit_barrier, within
-from lockstep.lmi.analysis.semidefinite import Block, Solved, least, symmetric_basis
+from lockstep.lmi.analysis.gain_limit import limit_barrier, projected
+from lockstep.lmi.analysis.semidefinite import Block, SdpSolution, minimise, symmetric_basis
 from lockstep.lmi.methods.modal_newton import Together
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainLimit, Vector
@@ -119,7 +119,7 @@ class CommonSearch:
         shapes, solved, unit = found
         return solved.value * unit, unit * self._slope(K, shapes, solved)
 
-    def _solved(self, K: Gain) -> tuple["_Shapes", Solved, float] | None:
+    def _solved(self, K: Gain) -> tuple["_Shapes", SdpSolution, float] | None:
         base = self._base(K)
         if base is None:
             return None
@@ -127,20 +127,20 @@ class CommonSearch:
         shapes = _Shapes(self, K, base, unit)
         blocks = [shapes.block(value) for value in self.ends]
         k = shapes.unknowns
-        solved = least(np.eye(k)[-1], [*blocks, *shapes.signs])
+        solved = minimise(np.eye(k)[-1], [*blocks, *shapes.signs])
         return None if solved is None or not solved.value > 0 else (shapes, solved, unit)
 
     def _slack(self, K: Gain, base: Float[np.ndarray, "k k"]) -> Valued:
         """Return the least s with F_xphi <= s I and P >= I, in the coordinates of a base, and its slope in K."""
         shapes = _Shapes(self, K, base, 1.0, bare=True)
-        solved = least(np.eye(shapes.unknowns)[-1], [*(shapes.block(v) for v in self.ends), *shapes.signs])
+        solved = minimise(np.eye(shapes.unknowns)[-1], [*(shapes.block(v) for v in self.ends), *shapes.signs])
         if solved is None or not self._mean_is_stable(K):
             return np.inf, np.zeros(K.shape)
         if solved.value < ENOUGH:
             return solved.value, np.zeros(K.shape)
         return solved.value, self._slope(K, shapes, solved)
 
-    def _slope(self, K: Gain, shapes: "_Shapes", solved: Solved) -> Gain:
+    def _slope(self, K: Gain, shapes: "_Shapes", solved: SdpSolution) -> Gain:
         """Return sum_e <Z_e, dF_e / dK>: 2 U' P Z [Y, Y_c, ...]', and the slope of what u weighs, if it does."""
         P = shapes.base @ np.tensordot(solved.x[: len(shapes.P_basis)], shapes.P_basis, 1) @ shapes.base.T
         slope, n = np.zeros(K.shape), len(P)
@@ -167,7 +167,7 @@ class CommonSearch:
             value, slope = objective(gains)
             return value + BARRIER * room[0], (slope + BARRIER * room[1][0]).ravel()
 
-        return descend(of_flat, within(K[None], 0.95 * self.gain_limit).ravel(), steps).reshape(K.shape)
+        return descend(of_flat, projected(K[None], 0.95 * self.gain_limit).ravel(), steps).reshape(K.shape)
 
     def _mean_is_stable(self, K: Gain) -> bool:
         n_C = self.modes.order
@@ -176,11 +176,11 @@ class CommonSearch:
 
     def _base(self, K: Gain) -> Float[np.ndarray, "k k"] | None:
         """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q) in the middle, where the loop is stable."""
-        from lockstep.lmi.methods.modal_witness import basis
+        from lockstep.lmi.methods.modal_witness import storage_factor
 
         if not self._mean_is_stable(K):
             return None
-        return basis(self.modes, K, self.claim, float(np.sqrt(self.ends[0] * self.ends[1])))
+        return storage_factor(self.modes, K, self.claim, float(np.sqrt(self.ends[0] * self.ends[1])))
 
 
 @dataclass(frozen=True)

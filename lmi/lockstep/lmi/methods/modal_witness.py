@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim, performance_weight
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -48,7 +48,7 @@ def witness(
     import cvxpy as cp
 
     segments = [(float(a), float(b)) for a, b in pairwise(ends)]
-    bases = [basis(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
+    bases = [storage_factor(modes, K, claim, float(np.sqrt(a * b))) for a, b in segments]
     P_mean = _mean(modes, K, claim)
     if P_mean is None or any(base is None for base in bases):
         return None
@@ -67,7 +67,7 @@ def witness(
         problem = cp.Problem(cp.Minimize(s2), conditions)
     else:
         problem = cp.Problem(cp.Maximize(room), [*conditions, s2 == sigma / unit, room <= 1])
-    if not run(problem) or s2.value is None or (sigma is not None and float(room.value) <= 0):
+    if not solve_sdp(problem) or s2.value is None or (sigma is not None and float(room.value) <= 0):
         return None
     found = tuple(base @ (one.value + one.value.T) @ base.T / 2 for one, base in zip(P, L, strict=True))
     weights = np.maximum(mu.value, 0.0) * unit if modes.plant.G.shape[1] else np.zeros(1)
@@ -89,7 +89,7 @@ def fine_witness(
     """
     least = witness(modes, K, claim, ends)
     for _ in range(halvings if ends[-1] > ends[0] * (1 + NARROW) else 0):
-        finer = halved(ends)
+        finer = halved_segments(ends)
         found = witness(modes, K, claim, finer)
         if found is None and least is not None:
             break
@@ -99,7 +99,7 @@ def fine_witness(
     return ends, least
 
 
-def halved(ends: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
+def halved_segments(ends: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
     """Return the ends of segments twice as many, each cut at its geometric mean, in short decimals.
 
     >>> halved(np.array([1.0, 4.0])).tolist()
@@ -109,7 +109,7 @@ def halved(ends: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
     return np.unique(np.concatenate([ends, cuts]))
 
 
-def basis(
+def storage_factor(
     modes: Modes, K: Float[np.ndarray, "a b"], claim: Claim, value: float
 ) -> Float[np.ndarray, "k k"] | None:
     """Return the Cholesky factor of P with He(P A(lambda)) = -diag(R, Q); None where A(lambda) is not stable."""

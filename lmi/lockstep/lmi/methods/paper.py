@@ -20,7 +20,7 @@ from jaxtyping import Float
 from lockstep.check.errors import Infeasible
 from lockstep.check.system.disagreement import disagreement
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.model.network import Network
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def solve_as_printed(
 
     program = _Printed(network, order, R, Q, delta)
     problem = cp.Problem(cp.Minimize(program.r2 + cp.sum(program.gamma)), program.conditions())
-    if not run(problem, decompose=program.n > 1) or program.p_s.value is None:
+    if not solve_sdp(problem, decompose=program.n > 1) or program.p_s.value is None:
         which, status = "(34)" if delta is None else "(19)", problem.status
         raise Infeasible(f"{which} as printed has no solution: the solver says {status}", status=status)
     return program.audit(float(problem.value))

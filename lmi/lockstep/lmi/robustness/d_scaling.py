@@ -1,8 +1,8 @@
 """The upper bound of mu by D scaling: the least beta with M* X_z M < beta^2 X_w for a positive X that commutes with Delta.
 
 Two ways to a D. `balanced`: Osborne's iteration, then descent on log sigma(D M D^-1), which is convex in log D: quick, for
-every frequency. `generalised`: the generalised eigenvalue problem itself, by Clarabel: with beta fixed the X of the largest
-margin, then the least beta of that X, until nothing is gained.
+every frequency. `improved_scales`: the generalised eigenvalue problem itself, by Clarabel: with beta fixed the X of the
+largest margin, then the least beta of that X, until nothing is gained.
 
 What a solver returns is a proposal. `decide` puts it to the proof: the Hermitian matrix beta^2 X_w - M* X_z M of the doubles
 of M, X and beta, each taken exactly, as a real symmetric one of twice the size, is positive definite or not.
@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float
 
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import Definiteness, decide_positive_definite
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.robustness.blocks import Structure
 
 ROUNDS = 12
@@ -74,7 +74,7 @@ def _scaled(M: np.ndarray, structure: Structure, d: np.ndarray) -> np.ndarray:
     return np.asarray(left[:, None] * M / right)
 
 
-def of_numbers(structure: Structure, d: Float[np.ndarray, " blocks"]) -> Scales:
+def scales_from_numbers(structure: Structure, d: Float[np.ndarray, " blocks"]) -> Scales:
     """Return the X_i = d_i^2 I (repeated blocks), d_i^2 (full ones)."""
     return [
         value**2 * np.eye(b.rows if b.repeated else 1, dtype=complex)
@@ -90,7 +90,9 @@ def least_beta(M: Complex[np.ndarray, "c r"], structure: Structure, X: Scales) -
     return float(np.sqrt(max(eigh(M.conj().T @ X_z @ M, X_w, eigvals_only=True)[-1], 0.0)))
 
 
-def generalised(M: Complex[np.ndarray, "c r"], structure: Structure, X: Scales, rounds: int = 8) -> Scales:
+def improved_scales(
+    M: Complex[np.ndarray, "c r"], structure: Structure, X: Scales, rounds: int = 8
+) -> Scales:
     """Return a better X than the one given, by semidefinite programs."""
     import cvxpy as cp
 
@@ -118,7 +120,7 @@ def generalised(M: Complex[np.ndarray, "c r"], structure: Structure, X: Scales, 
     best, least = X, beta
     for _ in range(rounds):
         level.value = (least / (beta or 1.0)) ** 2
-        if not run(program) or any(bool(x.value is None) for x in unknown):
+        if not solve_sdp(program) or any(bool(x.value is None) for x in unknown):
             break
         now = [
             root.conj().T @ ((x.value + x.value.conj().T) / 2) @ root

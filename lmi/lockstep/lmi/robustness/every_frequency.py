@@ -19,7 +19,7 @@ from jaxtyping import Float
 from lockstep.check.errors import demand
 from lockstep.check.numbers import exactly
 from lockstep.check.psd import decide_positive_definite
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.robustness.blocks import Structure
 
 STEPS = 12
@@ -92,7 +92,7 @@ def _proposed(system: Any, structure: Structure, g: float) -> tuple[np.ndarray, 
         cp.sum(x) == len(structure.blocks),
     ]
     program = cp.Problem(cp.Maximize(margin), [*limits, margin <= 1])
-    if not run(program) or P.value is None or margin.value is None or margin.value <= 0:
+    if not solve_sdp(program) or P.value is None or margin.value is None or margin.value <= 0:
         return None
     back = np.linalg.inv(T)
     found = back.T @ P.value @ back

@@ -17,9 +17,9 @@ from lockstep.lmi.robustness.d_scaling import (
     Scales,
     balanced,
     decide,
-    generalised,
+    improved_scales,
     least_beta,
-    of_numbers,
+    scales_from_numbers,
 )
 
 ITERATIONS, STARTS = 200, 6
@@ -65,9 +65,9 @@ def structured_singular_value(
     M = np.atleast_2d(np.asarray(M, dtype=complex))
     structure = Structure.of(blocks, M.shape)
     lower, Q = lower_bound(M, structure)
-    X = of_numbers(structure, balanced(M, structure))
+    X = scales_from_numbers(structure, balanced(M, structure))
     if least_beta(M, structure, X) > lower * (1 + CLOSED):
-        X = generalised(M, structure, X)
+        X = improved_scales(M, structure, X)
     upper = least_beta(M, structure, X)
     raised = upper * (1 + MARGIN) + np.finfo(float).tiny
     decided = decide(M, structure, X, raised)

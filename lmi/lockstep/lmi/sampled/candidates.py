@@ -114,7 +114,7 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
             found = None if program is None else program.least(program.kappa, [program.P >> distance], weight)
             if found is None:
                 break
-            yield from islice(priced_anew(loop, one, found[1], FREE_CLAIMED), 1)
+            yield from islice(priced_for_rounding(loop, one, found[1], FREE_CLAIMED), 1)
             least = found[1].kappa if least is None else least
 
 
@@ -123,7 +123,7 @@ def is_large(loop: SampledLoop) -> bool:
     return loop.n_x > MOST_STATES or len(loop.network.d.pairs()) > MOST_PAIRS
 
 
-def priced_anew(
+def priced_for_rounding(
     loop: SampledLoop,
     one: Lifted,
     found: Witness,
@@ -152,7 +152,7 @@ def priced_anew(
         t = rounding_prices(loop, lifted, found.P, dear)
         witness = priced(loop, found.m, t, kappa, decay=decay, weight=claimed * found.weight, P=found.P)
         witness = replace(witness, kappa_mu=max(witness.kappa_mu, MU * mu))
-        if (held := confirmed(loop, lifted, witness, running)) is not None:
+        if (held := confirmed_witness(loop, lifted, witness, running)) is not None:
             yield held
 
 
@@ -172,7 +172,7 @@ def priced(
     return Witness(P, m, t, decay, kappa, weight, ratio, MU * kappa)
 
 
-def confirmed(
+def confirmed_witness(
     loop: SampledLoop, lifted: Lifted, witness: Witness, running: Float[np.ndarray, "n_z n_z"] | None = None
 ) -> Witness | None:
     """Return the witness if Omega is positive definite in doubles; running: a cost of z at each sampling instant."""
@@ -250,4 +250,4 @@ class _Search:
             return None
         decay, kappa = 1 - CLAIMED * self.spread, kappa / CLAIMED
         witness = priced(self.loop, self.m, t, kappa, decay=decay, weight=weight, P=found)
-        return confirmed(self.loop, self.lifted, witness)
+        return confirmed_witness(self.loop, self.lifted, witness)

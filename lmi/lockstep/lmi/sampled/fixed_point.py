@@ -18,7 +18,7 @@ from lockstep.check.sampled.fixed_point import FixedController, proves_range, ra
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import ROUNDINGS, candidates, priced_anew
+from lockstep.lmi.sampled.candidates import ROUNDINGS, candidates, priced_for_rounding
 from lockstep.lmi.sampled.input_limits import RATES, least_level
 from lockstep.lmi.sampled.l2_gain import SampledRho, period_of
 from lockstep.lmi.sampled.loop_gain import best_multiplier, spectral_radius
@@ -38,7 +38,7 @@ KEPT = (0.99, 0.97, 0.9)
 """Parts of the radius found, less what rounding takes of it, that are claimed."""
 
 
-def exchanged(loop: SampledLoop) -> SampledLoop:
+def with_mu_for_noise(loop: SampledLoop) -> SampledLoop:
     """Return the loop with mu in the place of the messages' noise, and the reverse."""
     return replace(loop, messages=loop.underflows, underflows=loop.messages)
 
@@ -47,11 +47,11 @@ def _read(witness: Witness) -> Witness:
     return replace(witness, kappa=witness.kappa_mu, kappa_mu=witness.kappa)
 
 
-def agreement(
+def agreement_witness(
     network: SampledNetwork, held: tuple[HeldController, ...], guess: PairWeights | None
 ) -> Witness | None:
     """Find a witness of agreement that leaves little of the disagreement to rounding; None if none is proved."""
-    loop = exchanged(in_doubles(network, held))
+    loop = with_mu_for_noise(in_doubles(network, held))
     one = period_in_doubles(loop)
     if one is None or not spectral_radius(loop, one) < 1:
         return None
@@ -63,11 +63,11 @@ def agreement(
     return None
 
 
-def rho(
+def rho_witness(
     network: SampledNetwork, held: tuple[HeldController, ...], weights: Performance, known: SampledRho
 ) -> SampledRho | None:
     """Find and prove a rho near that of floating point, with the least price of mu that holds; None if none does."""
-    loop = exchanged(in_doubles(network, held, weights.outputs))
+    loop = with_mu_for_noise(in_doubles(network, held, weights.outputs))
     exact = sampled_loop(network, held, weights.outputs)
     for slack in SLACKS:
         at = float(f"{known.rho * (1 + slack):.4g}")
@@ -81,7 +81,7 @@ def rho(
     return None
 
 
-def radius(
+def radius_witness(
     network: SampledNetwork, held: tuple[HeldController, ...], integers: tuple[FixedController, ...]
 ) -> tuple[float, Witness] | None:
     """Find and prove a large radius from which no integer meets its limit; None if none is proved."""
@@ -97,7 +97,7 @@ def radius(
     return None
 
 
-def reaches(
+def state_bounds(
     network: SampledNetwork, held: tuple[HeldController, ...], sides: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "N n_C"] | None:
     """Return how large the states of each controller become before r or u, whose limits are given, is met.
@@ -123,7 +123,7 @@ def _levels(
     network: SampledNetwork, held: tuple[HeldController, ...], rows: Float[np.ndarray, "k n_x"], mu: float
 ) -> Iterator[tuple[float, Witness]]:
     """Yield gamma and witnesses of |k_l x_cl| <= 1 wherever V <= 1, gamma (T T')^-1 >= P_d, gamma the least for a decay."""
-    loop = exchanged(in_doubles(network, held))
+    loop = with_mu_for_noise(in_doubles(network, held))
     one = period_in_doubles(loop)
     if one is None:
         return
@@ -132,5 +132,5 @@ def _levels(
         noise = SHARE * rate * spread / (mu * mu) if mu else math.inf
         found = least_level(loop, one, rows, 1 - rate * spread, noise)
         if found is not None:
-            for candidate in priced_anew(loop, one, found[1], CLAIMED):
+            for candidate in priced_for_rounding(loop, one, found[1], CLAIMED):
                 yield found[0], _read(candidate)

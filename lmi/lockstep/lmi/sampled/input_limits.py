@@ -24,10 +24,10 @@ from lockstep.lmi.sampled.candidates import (
     REACHES,
     ROUNDINGS,
     SOME_STATES,
-    confirmed,
+    confirmed_witness,
     is_large,
     priced,
-    priced_anew,
+    priced_for_rounding,
 )
 from lockstep.lmi.sampled.l2_gain import PRICE, is_lifted, lifted_with_performance
 from lockstep.lmi.sampled.loop_gain import spectral_radius
@@ -36,7 +36,7 @@ from lockstep.lmi.sampled.storage import (
     StorageProblem,
     in_exact_arithmetic,
     no_prices,
-    padded,
+    on_disagreement,
     rounding_prices,
     storage_problem,
 )
@@ -100,7 +100,7 @@ def largest_radius(
     rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_x <= SOME_STATES else RATES[1:2]
     found = [least(1 - rate * spread) for rate in rates]
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
-        for candidate in priced_anew(loop, one, witness, CLAIMED, exact_messages=True):
+        for candidate in priced_for_rounding(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
                 radius = float(f"{part / gamma**0.5:.4g}")
                 if proves_radius(exact_loop, candidate, limits, radius):
@@ -147,7 +147,7 @@ def level_of_given_weights(
     size = float(np.linalg.norm(rows, 2)) ** 2
     alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).CC_d, 2)) or 1.0)
     others = np.diag(np.arange(n) >= n_d).astype(float)
-    for cost in (rows.T @ rows, padded(loop, size * form / np.linalg.norm(form, 2)), size * others):
+    for cost in (rows.T @ rows, on_disagreement(loop, size * form / np.linalg.norm(form, 2)), size * others):
         costs = block_diag(cost + DULL * size * np.eye(n), np.zeros((loop.n_z - n,) * 2))
         found += [_smallest(loop, one, alike * factor * m, decay, costs) for factor in FACTORS]
     root = np.linalg.inv(np.linalg.cholesky(form))
@@ -290,6 +290,10 @@ class _Disturbed:
         for dear in ROUNDINGS:
             t = rounding_prices(self.loop, self.lifted, first, dear)
             P = self._largest(self._problem(self.loop, t))
-            held = None if P is None else confirmed(self.loop, self.lifted, self._prices(t, P), self.running)
+            held = (
+                None
+                if P is None
+                else confirmed_witness(self.loop, self.lifted, self._prices(t, P), self.running)
+            )
             if held is not None:
                 yield held

@@ -19,7 +19,7 @@ from lockstep.check.sampled.inequality import Witness, multiplier
 from lockstep.check.sampled.l2_gain import proves_rho, running_cost, ways
 from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed, is_large, priced
+from lockstep.lmi.sampled.candidates import ROUNDINGS, confirmed_witness, is_large, priced
 from lockstep.lmi.sampled.loop_gain import best_multiplier
 from lockstep.lmi.sampled.storage import (
     StorageProblem,
@@ -162,7 +162,11 @@ class _Period:
         problem = storage_problem(loop, self.lifted, prices, self.running + self.rest(ROOM))
         spread = ROOM * (1 - float(np.abs(np.linalg.eigvals(first.A)).max()) ** 2)
         P = None if problem is None or not 0 < spread < 1 else problem.smallest(1 - spread)
-        return None if P is None else confirmed(loop, self.lifted, self.prices(prices.t, P), self.running)
+        return (
+            None
+            if P is None
+            else confirmed_witness(loop, self.lifted, self.prices(prices.t, P), self.running)
+        )
 
 
 def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: float) -> _Period | None:

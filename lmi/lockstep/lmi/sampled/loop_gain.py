@@ -14,7 +14,7 @@ from lockstep.check.sampled.inequality import multiplier
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.sector import Sector
-from lockstep.lmi.analysis.semidefinite import factor
+from lockstep.lmi.analysis.semidefinite import square_root_factor
 from lockstep.lmi.shapes import PairWeights
 
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 160)])
@@ -55,7 +55,7 @@ class _Response:
     def __init__(self, loop: SampledLoop, one: Lifted) -> None:
         self.d = loop.network.d
         copies_ = self.d.N - 1
-        into, out = factor(one.BB_d, 1e-14), factor(one.CC_d, 1e-14).T
+        into, out = square_root_factor(one.BB_d, 1e-14), square_root_factor(one.CC_d, 1e-14).T
         self.into, self.out = into.shape[1], out.shape[0]
         unit, n = np.eye(copies_), one.n
         C = np.hstack([np.kron(unit, out[:, :n]), np.kron(unit, out[:, n:])]) @ loop.start[:, : loop.n_x]

@@ -50,10 +50,10 @@ def max_period(
             replace(network, period=period), controllers_at(period), edge.guess, thorough=False
         )
 
-    return longest(network.period, edge.seems_to_hold, certified)
+    return longest_from(network.period, edge.seems_to_hold, certified)
 
 
-def longest(
+def longest_from(
     start: float, seems_to_hold: Callable[[float], bool], certify: Callable[[float], SampledVerdict]
 ) -> SampledVerdict | None:
     """Return the proved verdict at the largest period found from a start, rounded down to four digits; None if there is none.

@@ -26,7 +26,7 @@ from lockstep.check.sampled.inputs.saturation import (
 )
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
-from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_anew
+from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_for_rounding
 from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
@@ -118,7 +118,7 @@ def _scanned(
 
 def _priced(loop: SampledLoop, one: Lifted, start: ClippedWitness) -> Iterator[ClippedWitness]:
     wide = clipped(loop)
-    for witness in priced_anew(
+    for witness in priced_for_rounding(
         wide, one, start.storage, CLAIMED, exact_messages=True, running=sector_cost(wide, start)
     ):
         yield ClippedWitness(witness, start.tau, start.h)

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.lmi.analysis.certificate_sdp import run
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.analysis.dense_sdp import run_dense
 
 NEAR = 1e-4
@@ -70,7 +70,11 @@ class StepProgram:
         import cvxpy as cp
 
         problem = cp.Problem(cp.Minimize(goal), [*self.conditions, *conditions])
-        if not (run_dense(problem, NEAR) or run(problem)) or self.V.value is None or self.m.value is None:
+        if (
+            not (run_dense(problem, NEAR) or solve_sdp(problem))
+            or self.V.value is None
+            or self.m.value is None
+        ):
             return None
         P, m, kappa = self.P.value, self.m.value, float(self.kappa.value) * self.unit
         found = Witness(

@@ -86,7 +86,7 @@ def storage_problem(
     )
     enter = N[:, n:] * scale
     A = N[:, :n] + enter @ back[:, :n]
-    S = padded(loop, lifted.BB_d) + enter @ back[:, n:]
+    S = on_disagreement(loop, lifted.BB_d) + enter @ back[:, n:]
     Q = -form[:n, :n] - (form[:n, n:] * scale) @ back[:, :n]
     return StorageProblem(A, (S + S.T) / 2, (Q + Q.T) / 2)
 
@@ -123,10 +123,10 @@ def holds_in_doubles(Omega: Float[np.ndarray, "w w"]) -> bool:
 
 def metric_of(loop: SampledLoop) -> Float[np.ndarray, "n_x n_x"]:
     """Return the squared distance of the states from consensus as a form on x_cl."""
-    return padded(loop, metric(loop))
+    return on_disagreement(loop, metric(loop))
 
 
-def padded(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarray, "n_x n_x"]:
+def on_disagreement(loop: SampledLoop, S: Float[np.ndarray, "n_d n_d"]) -> Float[np.ndarray, "n_x n_x"]:
     """Return S on x_d, zero elsewhere."""
     return np.pad(S, (0, loop.n_x - loop.n_d))
 

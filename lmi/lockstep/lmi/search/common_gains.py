@@ -15,10 +15,10 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
-from lockstep.lmi.analysis.gain_limit import units_in, within
+from lockstep.lmi.analysis.gain_limit import limit_in_units, projected
 from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.lmi.quasi_newton import descend
-from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, descended, refined
+from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, norm_descent, refined_to_maximum
 from lockstep.lmi.search.stabilise import OutputFeedback, real_part
 from lockstep.lmi.shapes import GainLimit, Vector
 
@@ -66,14 +66,14 @@ class ModalSearch:
         """Return random gains made stable at every end, or None."""
         ends, L = self.ends, self.gain_limit
         size = generator.choice([0.5, 1.0, 2.0]) / np.abs(ends[0] * ends[-1]) ** 0.25
-        drawn = L / units_in(L) * size * generator.standard_normal(self.norm.shape[1:])
-        K = within(stabilised(self, drawn)[None], 0.9 * L)[0]
+        drawn = L / limit_in_units(L) * size * generator.standard_normal(self.norm.shape[1:])
+        K = projected(stabilised(self, drawn)[None], 0.9 * L)[0]
         return None if _worst(_ways(self), K)[0] >= 0 else K
 
     def down(self, K: Float[np.ndarray, "a b"], *, far: bool = True) -> Descended:
         """Return stable gains after the descents: K of its first agent is that of all; far: to next to the maximum, too."""
-        at = descended(self.norm, np.repeat(K[None], self.norm.shape[0], axis=0))
-        return refined(self.norm, at) if far and np.isfinite(at.rho) else at
+        at = norm_descent(self.norm, np.repeat(K[None], self.norm.shape[0], axis=0))
+        return refined_to_maximum(self.norm, at) if far and np.isfinite(at.rho) else at
 
 
 def loop_of(modes: Modes, values: Complex[np.ndarray, " s"]) -> Loop:
@@ -95,7 +95,7 @@ def loop_of(modes: Modes, values: Complex[np.ndarray, " s"]) -> Loop:
     return build_loop(replace(modes.plant, B=modes.plant.B[:1] * (s + 1)), d, modes.order, modes.decay)
 
 
-def representative(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray, " s"]:
+def representative_eigenvalues(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex[np.ndarray, " s"]:
     """Return a few of the eigenvalues of L, the smallest first, each then the farthest from those before it.
 
     Which is far is told by the logarithm. Of a pair a +- bi one is taken, of those that are one, too; the smallest of all,
@@ -124,7 +124,7 @@ def stabilised(search: ModalSearch, K: Float[np.ndarray, "a b"]) -> Float[np.nda
     ways, L = _ways(search), np.minimum(search.gain_limit, SQUARED)
     for weight in GAIN_WEIGHTS:
         size = max(0.9, float(np.linalg.norm(K / L)))
-        K = _lowered(ways, 0.9 / size * K, L, weight * units_in(L) ** 2)
+        K = _lowered(ways, 0.9 / size * K, L, weight * limit_in_units(L) ** 2)
         if _worst(ways, K)[0] < 0:
             break
     return K

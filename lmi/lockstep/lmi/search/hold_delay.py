@@ -16,9 +16,9 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop, Plant, build_loop
-from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.gain_limit import projected
 from lockstep.lmi.search.random_start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
-from lockstep.lmi.search.smoothed_norm import SmoothedNorm, descended, refined
+from lockstep.lmi.search.smoothed_norm import SmoothedNorm, norm_descent, refined_to_maximum
 from lockstep.lmi.search.stabilise import abscissa, stabilise
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
@@ -29,7 +29,7 @@ ABSENT = 1e-12
 """A singular value of the inputs, relative to the largest, that is rounding."""
 
 
-def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
+def with_input_delay(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
     """Return the loop with its inputs late by `lag`, in its unit of time, and the claim; z has no weight and no xi.
 
     Args:
@@ -62,13 +62,13 @@ def late(loop: Loop, claim: Claim, lag: float) -> tuple[Loop, Claim]:
     return replace(found, E=E), replace(claim, R=R, states=states)
 
 
-def late_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
+def delayed_norm(search: GainSearch, more: float = 1.0) -> SmoothedNorm:
     """Return the smoothed norm of the loop with its inputs late, by `more` times the lag."""
-    loop, claim = late(search.loop, search.claim, more * search.lag / search.units.time)
+    loop, claim = with_input_delay(search.loop, search.claim, more * search.lag / search.units.time)
     return SmoothedNorm(loop, claim, search.gain_limit, search.units.gains, rate=search.rate)
 
 
-def hold(
+def for_delay(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> tuple[StartResult, StartResult | None]:
     """Return a start with its gains made for the late loop, or as it is where that made what ships worse; and a second one.
@@ -81,15 +81,15 @@ def hold(
     for more in LATER:
         if deadline.over or start.abscissa >= 0:
             break
-        norm = late_norm(search, more)
+        norm = delayed_norm(search, more)
         if abscissa(norm.loop, K, **own_rate)[0] >= 0:
             K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, **own_rate)[0]
-            K = within(K, INSIDE * limit)
+            K = projected(K, INSIDE * limit)
         if abscissa(norm.loop, K, **own_rate)[0] >= 0:
             break
-        made = descended(norm, K)
+        made = norm_descent(norm, K)
         if np.isfinite(made.rho):
-            made = refined(norm, made)
+            made = refined_to_maximum(norm, made)
         K, own, x = made.K, search.norm, search.norm.pack(made.K, made.w)
         square = own.level(x, None, own.frequencies(x)) if np.isfinite(made.rho) else np.inf
         held = scored(search, score, replace(start, at=replace(made, rho=float(np.sqrt(square)))))

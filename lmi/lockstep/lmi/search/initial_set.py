@@ -26,7 +26,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.initial_set import Domain, rows_within, squared_distance
 from lockstep.check.numbers import as_floats
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.certificate_sdp import AffineF, run
+from lockstep.lmi.analysis.certificate_sdp import AffineF, solve_sdp
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers
 from lockstep.model.network import Network
@@ -207,7 +207,7 @@ class SetProgram:
         conditions += [(F + F.T) / 2 << 0, side @ P @ side.T << t * np.eye(n_d)]
         for row in np.linalg.solve(L, self.rows.T).T:
             conditions.append(cp.bmat([[P, row[:, None]], [row[None, :], np.eye(1)]]) >> 0)
-        if not run(cp.Problem(cp.Minimize(t + ENERGY * w[-1]), conditions)) or P.value is None:
+        if not solve_sdp(cp.Problem(cp.Minimize(t + ENERGY * w[-1]), conditions)) or P.value is None:
             return None
         K = point.K.copy()
         for i, move in moves.items():

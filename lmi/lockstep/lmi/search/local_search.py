@@ -55,7 +55,7 @@ class Polished:
         return -self.alpha, self.sampled, self.rho, self.index
 
 
-def reached(search: GainSearch, index: int, point: BarrierPoint, score: Score | None) -> Polished:
+def as_outcome(search: GainSearch, index: int, point: BarrierPoint, score: Score | None) -> Polished:
     """Return gains with a certificate for the whole claim, in the units of the search, as an outcome."""
     return _outcome(search, index, point, score, ())
 

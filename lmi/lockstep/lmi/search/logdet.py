@@ -31,7 +31,7 @@ from jaxtyping import Float, Int, Shaped
 from lockstep.check.continuous.channels import Inequality, Term
 from lockstep.check.continuous.inequality import Certificate, Claim, inequality
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.certificate_sdp import split
+from lockstep.lmi.analysis.certificate_sdp import split_multipliers
 from lockstep.lmi.shapes import GainBlocks, Vector
 
 Slopes = tuple[Vector, Float[np.ndarray, "x x"], Float[np.ndarray, "x x"]]
@@ -95,7 +95,7 @@ class BalancedF:
 
     def certificate(self, x: Vector) -> Certificate:
         """Return the witnesses, back in the coordinates of the loop."""
-        m, m_entries = split(self.loop, self.claim, x[self.place["m"]])
+        m, m_entries = split_multipliers(self.loop, self.claim, x[self.place["m"]])
         P, rho = self.root @ self.P(x) @ self.root.T, float(np.sqrt(x[self.place["r2"]][0]))
         return Certificate(rho, (P + P.T) / 2, m, x[self.place["t"]], m_entries)
 

@@ -10,9 +10,17 @@ import numpy as np
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.processes.workers import started_without_interrupts
-from lockstep.lmi.search.hold_delay import hold
-from lockstep.lmi.search.local_search import Polished, polished, reached
-from lockstep.lmi.search.random_start import Climbed, GainSearch, Score, StartResult, begin, climb, go_on
+from lockstep.lmi.search.hold_delay import for_delay
+from lockstep.lmi.search.local_search import Polished, as_outcome, polished
+from lockstep.lmi.search.random_start import (
+    GainSearch,
+    Homotopy,
+    Score,
+    StartResult,
+    homotopy,
+    resume,
+    run_start,
+)
 from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
@@ -48,7 +56,7 @@ class SearchResult:
 
     outcomes: tuple[Polished, ...]
     abscissa: float
-    nearest: Climbed | None
+    nearest: Homotopy | None
     least_rho: float
     cut: bool
     late: tuple[StartResult, ...] = ()
@@ -83,12 +91,12 @@ def search_gains(
     count = (1 if eliminates else DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
     kept = -(-starts // 2) if eliminates else KEPT * starts
     drawn = cores.run(
-        (0.0, 0.4), begin, [(search, score, seed, index, deadline) for index in range(count)], deadline
+        (0.0, 0.4), run_start, [(search, score, seed, index, deadline) for index in range(count)], deadline
     )
     drawn.sort(key=lambda one: one.rank)
     finite = [one for one in drawn if np.isfinite(one.at.rho)]
     promising = finite[:kept]
-    further = cores.run((0.4, 0.6), go_on, [(search, score, one, deadline) for one in promising], deadline)
+    further = cores.run((0.4, 0.6), resume, [(search, score, one, deadline) for one in promising], deadline)
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
     unheld = list[StartResult]()
@@ -98,7 +106,7 @@ def search_gains(
         unheld = [lowest] if further[0].sampled > SPOILT * search.units.rho * lowest.at.rho else []
     late: list[StartResult] = []
     if unheld and further[0].sampled > LOST * search.units.rho * min(one.at.rho for one in further):
-        held = cores.run((0.6, 0.6), hold, [(search, score, one, deadline) for one in further], deadline)
+        held = cores.run((0.6, 0.6), for_delay, [(search, score, one, deadline) for one in further], deadline)
         late = sorted((one for _, one in held if one is not None), key=lambda one: one.rank)[:starts]
         further = [one for one, _ in held] + further[len(held) :]
         further.sort(key=lambda one: one.rank)
@@ -108,7 +116,7 @@ def search_gains(
     if eliminates and further:
         # As they were before they were taken next to the maximum, where certificates are hard to find.
         pursued += [one for one in finite if one.rank not in {other.rank for other in further}]
-    ends: list[tuple[Climbed | None, Polished | None]] = []
+    ends: list[tuple[Homotopy | None, Polished | None]] = []
     for some in [[one] for one in pursued] if eliminates else [pursued]:
         ends += cores.run(
             (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in some]
@@ -134,12 +142,12 @@ def search_gains(
 
 def _pursue(
     search: GainSearch, score: Score | None, index: int, at: Descended, rho: float | None, deadline: Deadline
-) -> tuple[Climbed | None, Polished | None]:
+) -> tuple[Homotopy | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
-    climbed = climb(search, at, deadline)
+    climbed = homotopy(search, at, deadline)
     if climbed is None or climbed.certified < 1:
         return climbed, None
-    start = reached(search, index, climbed.point, score)
+    start = as_outcome(search, index, climbed.point, score)
     return climbed, polished(search, start, score, rho=rho, deadline=deadline)
 
 

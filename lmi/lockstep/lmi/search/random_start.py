@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
-from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.gain_limit import projected
 from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.unit_scaling import Units, scaled
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
@@ -28,8 +28,8 @@ from lockstep.lmi.search.smoothed_norm import (
     ON_TO_THE_MAXIMUM,
     Descended,
     SmoothedNorm,
-    descended,
-    refined,
+    norm_descent,
+    refined_to_maximum,
     with_multipliers,
 )
 from lockstep.lmi.search.stabilise import abscissa as abscissa_of
@@ -163,7 +163,7 @@ class StartResult:
         return self.sampled, self.at.rho, self.at.gain, self.abscissa, self.index
 
 
-def begin(
+def run_start(
     search: GainSearch, score: Score | None, seed: int, index: int, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return one start; the same arguments give the same one.
@@ -184,7 +184,7 @@ def begin(
     K, abscissa = stable_gains(search, seed, index)
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
-    return scored(search, score, StartResult(index, abscissa, descended(search.norm, K)))
+    return scored(search, score, StartResult(index, abscissa, norm_descent(search.norm, K)))
 
 
 def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Descended | None:
@@ -195,7 +195,7 @@ def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Des
     gains = np.repeat(at.K[:1], len(search.loop.U), axis=0)
     found = with_multipliers(search.shared_norm, gains)
     if not np.isfinite(found.rho) and search.abscissa(gains) < 0:
-        found = descended(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
+        found = norm_descent(search.shared_norm, gains)  # of a graph whose Laplacian is not normal
     return found if np.isfinite(found.rho) else None
 
 
@@ -207,14 +207,14 @@ def _stable_in_modes(modes: ModalSearch, generator: np.random.Generator) -> Floa
     return next((K for _ in range(3 * DRAWS) if (K := modes.stable(generator)) is not None), None)
 
 
-def go_on(
+def resume(
     search: GainSearch, score: Score | None, start: StartResult, deadline: Deadline = NEVER
 ) -> StartResult:
     """Return a start with its gains taken further, or as it is where that made what ships worse."""
     if deadline.over:
         return start
     stages = NEXT_TO_IT if start.equal else ON_TO_THE_MAXIMUM
-    further = replace(start, at=refined(search.norm, start.at, stages))
+    further = replace(start, at=refined_to_maximum(search.norm, start.at, stages))
     return min(start, scored(search, score, further), key=lambda one: one.rank)
 
 
@@ -241,8 +241,8 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         drawn = generator.choice(SIZES) * generator.standard_normal(shape)
         if index % 2:
             drawn[:] = drawn[0]
-        first = within(drawn * units, DRAWN * limit)
-        K = within(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
+        first = projected(drawn * units, DRAWN * limit)
+        K = projected(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
         abscissa = search.abscissa(K)
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:
@@ -253,7 +253,7 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
     return best
 
 
-def first_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
+def feasible_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
     """Return gains with a certificate for some part of the claim, or None where not even the least part has one."""
     claim = search.claim
     for fraction in FEW_FRACTIONS if search.is_large else FRACTIONS:
@@ -265,7 +265,7 @@ def first_point(search: GainSearch, K: GainBlocks) -> BarrierPoint | None:
 
 
 @dataclass(frozen=True)
-class Climbed:
+class Homotopy:
     """How much of a claim gains carry.
 
     point: with a certificate, for the whole claim where its fractions are 1;  certified: the part of alpha and delta
@@ -277,20 +277,20 @@ class Climbed:
     claimed: float
 
 
-def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Climbed | None:
+def homotopy(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Homotopy | None:
     """Find the part of a claim that gains carry, and raise it with the nonlinear program; None where they carry
     none."""
     K = at.K
-    known = without_P(search, at) if np.isfinite(at.rho) else None
+    known = multipliers_only(search, at) if np.isfinite(at.rho) else None
     found = least_rho(search.loop, K, search.claim, known)
     if found is not None:
-        return Climbed(BarrierPoint(K, found), 1.0, 1.0)
-    point, program = first_point(search, K), search.program
+        return Homotopy(BarrierPoint(K, found), 1.0, 1.0)
+    point, program = feasible_point(search, K), search.program
     if point is None:
         return None
     if eliminates_P(search.loop):
         part = point.alpha_fraction**0.5
-        return Climbed(point, part, part)
+        return Homotopy(point, part, part)
     certified, rho_most = point.alpha_fraction**0.5, 10.0 * point.certificate.rho
     for _ in range(CLIMBS):
         if deadline.over:
@@ -298,7 +298,7 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
         trial = program.improve(point, "claim", NewtonLimits(150, rho_most, deadline))
         found = least_rho(search.loop, trial.K, search.claim)
         if found is not None:
-            return Climbed(BarrierPoint(trial.K, found), 1.0, 1.0)
+            return Homotopy(BarrierPoint(trial.K, found), 1.0, 1.0)
         trial = replace(trial, alpha_fraction=min(trial.alpha_fraction, UNPROVED))
         before, after = (p.alpha_fraction * p.delta_fraction for p in (point, trial))
         if after > before:
@@ -306,10 +306,10 @@ def climb(search: GainSearch, at: Descended, deadline: Deadline = NEVER) -> Clim
         if after < STUCK * before:
             break
     parts = [point.alpha_fraction, *([point.delta_fraction] if program.ways else [])]
-    return Climbed(point, certified, min(parts) ** 0.5)
+    return Homotopy(point, certified, min(parts) ** 0.5)
 
 
-def without_P(search: GainSearch, at: Descended) -> Certificate:
+def multipliers_only(search: GainSearch, at: Descended) -> Certificate:
     """Return the multipliers and rho of gains after a descent, as a certificate without its P."""
     none = np.zeros((search.loop.n_x, search.loop.n_x))
     return AffineF(search.loop, at.K, search.claim).certificate(none, np.append(at.w, at.rho**2))

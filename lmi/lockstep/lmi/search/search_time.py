@@ -28,7 +28,7 @@ TRIAL = 0.02
 """Seconds for which each operation is timed."""
 
 
-def likely(search: GainSearch, starts: int, jobs: int | None = None) -> str:
+def estimated_time(search: GainSearch, starts: int, jobs: int | None = None) -> str:
     """Return how long a search is likely to take, as text.
 
     Args:
@@ -36,11 +36,11 @@ def likely(search: GainSearch, starts: int, jobs: int | None = None) -> str:
         starts: how many are pursued to the end.
         jobs: processes; by default as many as there are cores to run on.
     """
-    low, high = seconds(search, starts, jobs)
-    return f"{rough(low)} to {rough(high)}"
+    low, high = range_of_seconds(search, starts, jobs)
+    return f"{one_digit(low)} to {one_digit(high)}"
 
 
-def seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[float, float]:
+def range_of_seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[float, float]:
     """Return the range in seconds."""
     n = search.loop.n_x
     rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
@@ -50,16 +50,16 @@ def seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[f
             np.ones(len(search.norm.W)),
             np.geomspace(0.1, 10, RESPONSES),
         )
-        unit = timed(lambda: search.norm.worst(K, w, frequencies))
+        unit = mean_seconds(lambda: search.norm.worst(K, w, frequencies))
         return FEWEST_RESPONSES * unit * rounds, MOST_RESPONSES * unit * rounds
     unknowns = n * (n + 1) // 2 + int(np.prod(search.norm.shape))
     rng = np.random.default_rng(0)
     A, S = rng.standard_normal((n, n)), np.eye(unknowns) + 0.01
-    unit = timed(lambda: np.linalg.eigvals(A)) + timed(lambda: np.linalg.solve(S, S[0]))
+    unit = mean_seconds(lambda: np.linalg.eigvals(A)) + mean_seconds(lambda: np.linalg.solve(S, S[0]))
     return FEWEST * unit * rounds, MOST * unit * rounds
 
 
-def timed(work: Callable[[], object]) -> float:
+def mean_seconds(work: Callable[[], object]) -> float:
     """Return the seconds that something takes, the mean over some of it."""
     began, count = time.monotonic(), 0
     while time.monotonic() < began + TRIAL or not count:
@@ -68,7 +68,7 @@ def timed(work: Callable[[], object]) -> float:
     return (time.monotonic() - began) / count
 
 
-def rough(value: float) -> str:
+def one_digit(value: float) -> str:
     """Return a time in one digit, as is said.
 
     >>> [rough(one) for one in (0.4, 7.3, 43.0, 400.0, 8000.0)]

@@ -21,17 +21,17 @@ from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.gain_limit import projected
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import fastest_decay
 from lockstep.lmi.methods.certified import rate_of_controllers
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.search.barrier import BarrierPoint
-from lockstep.lmi.search.local_search import polished, reached
+from lockstep.lmi.search.local_search import as_outcome, polished
 from lockstep.lmi.search.random_start import GainSearch
 from lockstep.lmi.shapes import GainBlocks, GainLimit
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -107,7 +107,7 @@ def pareto(
             expected='a design of method "certified" without gain errors',
         )
     with one_thread():
-        network, claim = network_of(problem, bound_again(stored)), stored.claim
+        network, claim = network_of(problem, reproved_bound(stored)), stored.claim
         own = figures_of(network, stored.gains, claim)
         found = [ParetoPoint("design", problem.title, stored.gains, own, _stable(stored.gains))]
         for name, gains in others.items():
@@ -208,7 +208,7 @@ def _walked(
 
 
 def _moved(problem: Problem, network: Network, K: GainBlocks, step: _Step) -> GainBlocks | None:
-    K = within(K, INSIDE * step.gain_limit)
+    K = projected(K, INSIDE * step.gain_limit)
     rate = _rate(problem, K)
     search = GainSearch.of(
         network.decaying(step.decay).loop(problem.order), step.claim, step.gain_limit, rate=rate
@@ -216,7 +216,7 @@ def _moved(problem: Problem, network: Network, K: GainBlocks, step: _Step) -> Ga
     start = least_rho(search.loop, K, search.claim)
     if start is None:
         return None
-    return polished(search, reached(search, 0, BarrierPoint(K, start), None)).K
+    return polished(search, as_outcome(search, 0, BarrierPoint(K, start), None)).K
 
 
 def _rate(problem: Problem, K: GainBlocks) -> float | None:
@@ -249,7 +249,7 @@ def _stable(gains: Gains) -> bool:
     return all(is_stable(A_C) for A_C in gains.A)
 
 
-def front(points: tuple[ParetoPoint, ...], figure: str) -> tuple[ParetoPoint, ...]:
+def pareto_front(points: tuple[ParetoPoint, ...], figure: str) -> tuple[ParetoPoint, ...]:
     """Return the points that no other beats in rho and in one of the other figures, by falling rho.
 
     Args:

@@ -17,7 +17,7 @@ from lockstep.check.errors import demand
 from lockstep.lmi.analysis.margins import largest_alpha, trade_off
 from lockstep.lmi.document import Stored
 from lockstep.lmi.processes.threads import one_thread
-from lockstep.lmi.stored_bound import bound_again
+from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 
 MARGIN = 1e-3
@@ -39,7 +39,7 @@ def curve(stored: Stored, points: int = 12) -> list[tuple[float, float]]:
     agent = problem.agent()
     demand(not agent.lure.is_linear, "the agent is linear", "the trade-off", "an agent with a nonlinearity")
     with one_thread():
-        network, claim = network_of(problem, bound_again(stored)), stored.claim
+        network, claim = network_of(problem, reproved_bound(stored)), stored.claim
         loop, K = network.loop(problem.order), stored.gains.blocks
         most = largest_alpha(loop, K, claim) * (1 - MARGIN)
         return trade_off(loop, K, claim, [float(f"{alpha:.6g}") for alpha in np.linspace(0.0, most, points)])

@@ -19,7 +19,7 @@ from lockstep.model.bound_search import Box
 from lockstep.model.bound_search.casadi_graph import read_value
 from lockstep.model.bound_search.casadi_operations import RULES
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
-from lockstep.model.formulas.exact_text import written
+from lockstep.model.formulas.exact_text import formula_text
 from lockstep.model.formulas.expression import parse_expression
 from lockstep.model.formulas.names import (
     check_agent_name,
@@ -151,7 +151,7 @@ class Agent:
             dynamics=dynamics,
             outputs=outputs,
             parameters=parameters,
-            show=written,
+            show=formula_text,
         )
         return cls(
             name=name,
@@ -231,7 +231,7 @@ class Agent:
             return [self.value(one, algebra, where=f"[agent.{table}] {name}") for name, one in each]
 
         rhs, y = values("dynamics", self.states, self.rhs), values("outputs", self.outputs, self.y)
-        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, written)
+        return ExactAgent.from_values(self.name, *names, rhs, y, algebra.seen, formula_text)
 
     @cached_property
     def dynamics(self) -> ca.Function:

@@ -12,7 +12,7 @@ from lockstep.check.expression.traversal import substitute
 from lockstep.check.numbers import as_fraction
 from lockstep.check.system.agent import ExactAgent
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.exact_text import written
+from lockstep.model.formulas.exact_text import formula_text
 
 _SAME_BUT_B = (
     "agents that differ in B only: (2) has one A, one C and one h for all, or agreement does not last"
@@ -43,7 +43,7 @@ def check_same_but_B(common: ExactAgent, variant: ExactAgent, *, where: str) -> 
     names = (*common.states, "t")
     for state, mine, theirs in zip(common.states, nonlinearity(common), nonlinearity(variant), strict=True):
         if mine is not theirs:
-            h = [shorten(written(node, names), 50) for node in (mine, theirs)]
+            h = [shorten(formula_text(node, names), 50) for node in (mine, theirs)]
             _refuse_variant(f"h differs in d/dt {state}: `{h[0]}` and `{h[1]}`", where)
     if common.H.tolist() != variant.H.tolist() or set(common.phi.conditions) != set(variant.phi.conditions):
         _refuse_variant("what h needs to have a value differs", where)

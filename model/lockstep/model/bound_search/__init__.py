@@ -11,7 +11,7 @@ from lockstep.check.bound.slope_bounds import Entry
 from lockstep.model.bound_search.branch_and_bound import UNFINISHED, SearchState
 from lockstep.model.bound_search.casadi_graph import read
 from lockstep.model.bound_search.entries import slopes_of, with_entries
-from lockstep.model.bound_search.proof import BOXES, confirmed, prove_bound, search_bound
+from lockstep.model.bound_search.proof import BOXES, confirmed_bound, prove_bound, search_bound
 from lockstep.model.bound_search.result import Bound
 
 __all__ = [
@@ -21,7 +21,7 @@ __all__ = [
     "Box",
     "Entry",
     "SearchState",
-    "confirmed",
+    "confirmed_bound",
     "prove_bound",
     "read",
     "search_bound",

@@ -21,7 +21,7 @@ from lockstep.check.bound.intervals import INF
 from lockstep.check.bound.unbounded.charts import Enclosure, to_v
 from lockstep.check.bound.unbounded.tails import Pattern
 from lockstep.model.bound_search.diagnosis import explain
-from lockstep.model.bound_search.incumbent import Reach
+from lockstep.model.bound_search.incumbent import Incumbent
 from lockstep.model.bound_search.point_slopes import PointSlopes
 
 NEARLY = 1.01  # a bound this close to a slope reached, over an unbounded domain, is not searched further
@@ -77,7 +77,7 @@ class CoverSearch:
     pools: dict[Pattern, Pool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.reach = Reach(PointSlopes(self.cover.objective), *self.original)
+        self.reach = Incumbent(PointSlopes(self.cover.objective), *self.original)
 
     def run(self) -> SlopeRange:
         """Return the enclosure of the largest slope."""

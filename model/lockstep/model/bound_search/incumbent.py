@@ -10,7 +10,7 @@ from lockstep.model.bound_search.sampling import sample_points
 
 
 @dataclass
-class Reach:
+class Incumbent:
     """Points are tried in the domain [lower, upper] of v and t; `slope` is -1 until one is proved."""
 
     at: PointSlopes

@@ -23,7 +23,7 @@ from lockstep.check.errors import demand
 from lockstep.check.verdict import Verdict
 from lockstep.model.bound_search.branch_and_bound import CoverSearch, SearchBudget, SearchState, SlopeRange
 from lockstep.model.bound_search.casadi_graph import read
-from lockstep.model.bound_search.incumbent import Reach
+from lockstep.model.bound_search.incumbent import Incumbent
 from lockstep.model.bound_search.point_slopes import PointSlopes
 from lockstep.model.bound_search.result import Bound, SlopeWitness
 from lockstep.model.bound_search.sampling import sample_points
@@ -50,7 +50,7 @@ def search_bound(
     boxes: int = BOXES,
     progress: Report | None = None,
 ) -> Bound:
-    """Return the smallest alpha found: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box; `confirmed` has it decided.
+    """Return the smallest alpha found: |phi(a, t) - phi(b, t)| <= alpha |a - b| on the box; `confirmed_bound` has it decided.
 
     A vector phi is scaled: the bound is on |D_w^-1 J D_v| (see `Bound`), so that G D_w and D_v^-1 H take the
     places of G and H.
@@ -71,7 +71,7 @@ def search_bound(
     D_w, D_v = np.ones(len(problem.jacobian)), np.ones(problem.graph.inputs)
     parts = problem.blocks
     if not parts:
-        return nothing(problem)
+        return zero_bound(problem)
     limits = SearchBudget(_tolerance(tolerance, problem), max(1, boxes // len(parts)), progress)
     outcomes = []
     for rows, columns in parts:
@@ -96,7 +96,7 @@ def search_bound(
     )
 
 
-def confirmed(problem: SlopeProblem, bound: Bound) -> Bound:
+def confirmed_bound(problem: SlopeProblem, bound: Bound) -> Bound:
     """Return the bound with the least of a few alphas that the checker decides with its scales, not proved if none.
 
     The slopes of the problem are not scaled. The search may have come to a box by another way, and several independent
@@ -175,7 +175,7 @@ def prove_bound(
     )
 
 
-def nothing(problem: SlopeProblem) -> Bound:
+def zero_bound(problem: SlopeProblem) -> Bound:
     """The bound of a linear agent, whose phi has no components, or of one that depends on t only."""
     return Bound(
         alpha=0.0,
@@ -217,7 +217,7 @@ def _reached(problem: SlopeProblem) -> tuple[float, np.ndarray | None]:
     best, point = 0.0, None
     for block in problem.blocks:
         objective = problem.objective(block)
-        reach = Reach(PointSlopes(objective), problem.lower, problem.upper)
+        reach = Incumbent(PointSlopes(objective), problem.lower, problem.upper)
         kinks = breakpoints(objective.value, objective.variables)
         for polish in (False, True):
             reach.sample(kinks, polish=polish)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from lockstep.model.checks import plausibility
 from lockstep.model.checks.report import CheckRow
-from lockstep.model.loop_transformation.natural_units import held_for
+from lockstep.model.loop_transformation.natural_units import step_response
 from lockstep.model.problem import Problem
 
 LONGEST, ROUNDED = 50, 1e-9
@@ -35,7 +35,7 @@ def time_to_move(problem: Problem) -> float | None:
     limits = np.where(np.isfinite(problem.limits), problem.limits, 0.0)
     with np.errstate(all="ignore"):
         for t in problem.controller.period * 2.0 ** (np.arange(LONGEST) / 2):
-            moved = np.abs(lure.C @ held_for(t, lure.A, lure.B)) @ limits
+            moved = np.abs(lure.C @ step_response(t, lure.A, lure.B)) @ limits
             if not np.isfinite(moved).all():
                 break
             if (moved >= np.ptp(outputs, axis=0) * (1 - ROUNDED)).all():

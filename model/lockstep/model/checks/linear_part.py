@@ -13,7 +13,7 @@ from lockstep.model.checks.report import CheckRow, Outcome
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.control.zeros import Zeros, zeros_of
 from lockstep.model.graphs.graph import Graph
-from lockstep.model.loop_transformation.natural_units import natural
+from lockstep.model.loop_transformation.natural_units import natural_units
 
 ROUNDED = 1e-12
 """Of |C| |A|^k |B|: less is what rounding left of a sum that is 0."""
@@ -71,7 +71,7 @@ def observable(agent: Agent) -> tuple[CheckRow, Observability]:
 def _in_natural_units(agent: Agent, B: Float[np.ndarray, "n m"]) -> Matrices:
     """Return A, B and C in units in which their entries are near one: what the file's own hide or pretend is left out."""
     A, C, none = agent.lure.A, agent.lure.C, np.zeros((agent.n, 0))
-    X, S_u, S_y, tau, _ = natural(Plant(A, (B,), C, none, none.T), 0.0, np.zeros_like(A))
+    X, S_u, S_y, tau, _ = natural_units(Plant(A, (B,), C, none, none.T), 0.0, np.zeros_like(A))
     return tau * A * np.outer(X, 1 / X), tau * B * np.outer(X, S_u), C * np.outer(S_y, 1 / X)
 
 

@@ -72,7 +72,7 @@ def entries(agent: Agent, proved: Bound) -> CheckRow:
     return CheckRow("slope bounds", "ok", f"proved: {shown} ({arguments_text(agent)})", reason)
 
 
-def reach(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
+def where_it_holds(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
     """Where the certificate holds: for every state, or only while all agents stay in the box.
 
     With a single root the certificate gives initial states from which they stay (`lockstep.check.continuous.initial_set`).
@@ -110,14 +110,14 @@ def _staying(graph: Graph) -> str:
     )
 
 
-def numbers(agent: Agent) -> CheckRow:
+def exact_numbers(agent: Agent) -> CheckRow:
     """Whether A, B, C, G, H and phi hold the file's numbers exactly, as doubles, or some rounded once: either is well."""
     reason = "the search takes coefficients rounded to doubles; what is proved is proved of the exact ones"
     rounded, said = agent.lure.rounded, "none is rounded: the matrices are the terms of the file, as doubles"
     if rounded:
         shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
         said = f"rounded once, as no double holds the sum of their terms: {shown}"
-    return CheckRow("numbers", "ok", said, reason)
+    return CheckRow("exact_numbers", "ok", said, reason)
 
 
 def centring(agent: Agent) -> CheckRow:

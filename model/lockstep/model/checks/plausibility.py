@@ -64,7 +64,7 @@ def period(problem: Problem) -> CheckRow:
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
 
 
-def alone(problem: Problem) -> Iterator[CheckRow]:
+def unstable_alone(problem: Problem) -> Iterator[CheckRow]:
     """Yield a row where an agent by itself moves away: a wrong sign of a damping shows here, and else in no figure."""
     fastest = max((s.real for s in _modes(problem)), default=0.0)
     if fastest > 0:
@@ -124,7 +124,7 @@ def _degrees(state: str) -> ProblemError:
     return ProblemError("degrees", where=f"[agent.units] {state}", expected=expected, remedy=remedy)
 
 
-def start_of(problem: Problem) -> float | None:
+def initial_disagreement(problem: Problem) -> float | None:
     """Return |x_d(0)| of the initial states that the file names, less offsets; None without such, or beyond doubles."""
     if isinstance(problem.simulation.initial, str) or problem.spectrum:
         return None

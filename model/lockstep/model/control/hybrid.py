@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError, demand
 from lockstep.model.control.hybrid_norms import h2, l2_gain
-from lockstep.model.control.wiring import Joined, joined
+from lockstep.model.control.wiring import JoinedSystem, joined_systems
 
 MOST_INTERVALS = 10_000
 """Between the instants of one common period: rates whose ratio is no small number have no useful one."""
@@ -89,15 +89,15 @@ class Hybrid:
         object.__setattr__(self, "outputs", list(self.outputs) or given)
 
     @cached_property
-    def plant(self) -> Joined:
+    def plant(self) -> JoinedSystem:
         """The continuous parts, joined."""
-        return joined([part for part in self.parts if not part.dt])
+        return joined_systems([part for part in self.parts if not part.dt])
 
     @cached_property
-    def groups(self) -> tuple[Joined, ...]:
+    def groups(self) -> tuple[JoinedSystem, ...]:
         """The sampled parts of each rate, joined; the slowest first."""
         rates = sorted({part.dt for part in self.parts if part.dt}, reverse=True)
-        return tuple(joined([part for part in self.parts if part.dt == rate]) for rate in rates)
+        return tuple(joined_systems([part for part in self.parts if part.dt == rate]) for rate in rates)
 
     @property
     def dt(self) -> float:

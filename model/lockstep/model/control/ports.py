@@ -26,7 +26,7 @@ from lockstep.check.sampled.controller import HeldController
 from lockstep.check.system.loop import Gains
 from lockstep.model.control.hybrid import Hybrid
 from lockstep.model.control.models import NetworkLike
-from lockstep.model.control.wiring import joined
+from lockstep.model.control.wiring import joined_systems
 from lockstep.model.graphs.orthonormal import orthonormal_factor
 
 INJECTED = "_e"
@@ -111,7 +111,7 @@ class PortedLoop:
 
         if self.period is not None:
             return Hybrid(self.parts, inputs, outputs).sample(name="loop")
-        whole = joined(self.parts)
+        whole = joined_systems(self.parts)
         for what, named, known in (("inputs", inputs, whole.inputs), ("outputs", outputs, whole.outputs)):
             if unknown := [name for name in named if name not in known]:
                 raise ProblemError(f"{unknown}", where=f"loop, {what}", expected=f"some of {known}")

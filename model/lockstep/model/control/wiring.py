@@ -17,7 +17,7 @@ from lockstep.check.errors import demand
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedSystem:
     """One system: its matrices, the names of its signals, and its dt in s."""
 
     A: Float[np.ndarray, "n n"]
@@ -30,7 +30,7 @@ class Joined:
     dt: float
 
 
-def joined(parts: Sequence[Any]) -> Joined:
+def joined_systems(parts: Sequence[Any]) -> JoinedSystem:
     """Return systems of one time base as one: inputs that none of them gives, all outputs.
 
     Raises:
@@ -55,7 +55,7 @@ def joined(parts: Sequence[Any]) -> Joined:
     demand(np.linalg.matrix_rank(loop) >= len(out), found, "linear loop", "I - D K invertible")
     R = np.linalg.inv(loop) if (D @ K).any() else loop
     states = [f"{name}" for part in parts for name in part.state_labels]
-    return Joined(
+    return JoinedSystem(
         A + B @ K @ R @ C,
         B @ (E + K @ R @ D @ E),
         R @ C,

@@ -29,7 +29,7 @@ _PLAIN = "texts need quotes, lists [ ], and each key is given once"
 _SUPERSCRIPTS = "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 
 
-def keyboard_for(character: str) -> str:
+def typed_instead(character: str) -> str:
     """Return what to type instead of a character that looks like it, or nothing.
 
     >>> [keyboard_for(c) for c in "\u2212\u00d7\u00b2\uff0b\u03b8 \u00e4"]
@@ -50,18 +50,18 @@ def keyboard_for(character: str) -> str:
     return same if same != character and same.isascii() and same.isprintable() else ""
 
 
-def advice(text: str) -> str:
+def advice_to_retype(text: str) -> str:
     r"""Return which characters of a text to type anew, and how; nothing where none looks like another one.
 
     >>> advice("\u2212k*x\u00b2")
     'write `-` for \\u2212 (minus sign) and `**2` for \\xb2 (superscript two)'
     """
-    found = {character: typed for character in text if (typed := keyboard_for(character))}
+    found = {character: typed for character in text if (typed := typed_instead(character))}
     shown = [f"{_typed(typed)} for {shorten(one)} ({_name(one)})" for one, typed in list(found.items())[:3]]
     return f"write {' and '.join(shown)}" if shown else ""
 
 
-def instead_of(text: str, bare: str) -> str:
+def toml_instead_of(text: str, bare: str) -> str:
     r"""Return what to write where TOML stops.
 
     Args:
@@ -71,7 +71,7 @@ def instead_of(text: str, bare: str) -> str:
     >>> instead_of("period = 0,1", "period = 0,1")
     'decimal numbers have a point: 0.5, not 0,5'
     """
-    if typed := advice(bare):
+    if typed := advice_to_retype(bare):
         return typed
     if _DECIMAL_COMMA.search(bare):
         return DECIMAL_POINT

@@ -13,7 +13,7 @@ _NAMES = {"fabs": "abs", "fmin": "min", "fmax": "max", "choose": "if_else"}
 _PATTERNS = {"positive": "{} > 0", "not": "not {}", "and": "{} and {}"}
 
 
-def written(node: Node, names: Sequence[str]) -> str:
+def formula_text(node: Node, names: Sequence[str]) -> str:
     """Return a node as a formula in the variables' names; long parts are cut.
 
     >>> from lockstep.check.expression.node import add, multiply, scale, variable

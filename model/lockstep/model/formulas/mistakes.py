@@ -14,7 +14,7 @@ from typing import NamedTuple
 from lockstep.check.errors import ProblemError
 from lockstep.check.expression.text import DEEPEST, LONGEST, MOST_TOKENS
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.confusables import DECIMAL_POINT, advice, keyboard_for
+from lockstep.model.formulas.confusables import DECIMAL_POINT, advice_to_retype, typed_instead
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
@@ -116,8 +116,8 @@ def tokens(source: Source) -> list[Token]:
 
 def _remedy(character: str, text: str) -> str:
     """Say what to write for a character, or for all of the text that only look like another one."""
-    same = _REMEDIES.get(character) or _REMEDIES.get(keyboard_for(character))
-    return same or advice("".join(one for one in text if keyboard_for(one) not in _REMEDIES))
+    same = _REMEDIES.get(character) or _REMEDIES.get(typed_instead(character))
+    return same or advice_to_retype("".join(one for one in text if typed_instead(one) not in _REMEDIES))
 
 
 def check_neighbours(source: Source, line: list[Token]) -> None:

@@ -8,7 +8,7 @@ from sys import float_info
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.expression.text import CONSTANTS, FUNCTIONS, RESERVED
 from lockstep.check.wording import nearest, shorten
-from lockstep.model.formulas.confusables import advice
+from lockstep.model.formulas.confusables import advice_to_retype
 
 LONGEST_AGENT_NAME = 20
 """C99 tells external names apart by 31 characters (5.2.4.1), and the agent's number and `_step` follow."""
@@ -61,7 +61,7 @@ def check_names(
 def _check_identifier(name: str, where: str, kind: str, longest: int, why: str = "") -> None:
     if not isinstance(name, str) or not _IDENTIFIER.fullmatch(name):
         expected = "an ASCII letter, then letters, digits and _"
-        found, remedy = f"`{shorten(str(name))}` is not {kind}", advice(str(name))
+        found, remedy = f"`{shorten(str(name))}` is not {kind}", advice_to_retype(str(name))
         raise ProblemError(found, where=where, expected=expected, remedy=remedy)
     if len(name) > longest:
         found = f"`{shorten(name)}` has {len(name)} characters"

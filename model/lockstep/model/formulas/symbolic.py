@@ -46,7 +46,7 @@ def symbolic(nodes: Sequence[Node], symbols: Mapping[int, ca.SX]) -> list[ca.SX]
     return [ca.if_else(done[n], 1, 0) if n.op in BOOLEAN else done[n] for n in nodes]
 
 
-def rounds(node: Node) -> bool:
+def rounds_a_coefficient(node: Node) -> bool:
     """Whether `symbolic` rounds a coefficient or a constant: 1/3 it does not, a sum of two doubles it may."""
     for part in order([node]):
         if part.op == "linear":

@@ -313,7 +313,7 @@ def _down(value: float) -> float:
     return found if found <= value else float(f"{(math.floor(value / unit) - 1) * unit:.6g}")
 
 
-def within(found: Membership, lower: float, upper: float) -> Membership:
+def within_interval(found: Membership, lower: float, upper: float) -> Membership:
     """Return the membership of a graph in a wider interval that was asked for.
 
     Raises:

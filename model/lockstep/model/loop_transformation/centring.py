@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from lockstep.model.bound_search import Box
 from lockstep.model.loop_transformation.lure import Lure
-from lockstep.model.loop_transformation.shift import moved
+from lockstep.model.loop_transformation.shift import moved_exactly
 
 LEAST_GAIN = 0.02
 """A bound that shrinks by less than 2 % is not worth another A than the one written down."""
@@ -169,7 +169,9 @@ def _move(lure: Lure, k: int, j: int, lowest: float, highest: float) -> tuple[Lu
     """Move the middle of one slope range: exactly, by a number next to it with which A stays in doubles, or rounded."""
     middle, half = (lowest + highest) / 2, (highest - lowest) / 2
     centre, room = Fraction(middle), Fraction(LEAST_GAIN * half)
-    found, amount = moved(lure, k, j, _short(middle, half), lambda amount: abs(amount - centre) <= room)
+    found, amount = moved_exactly(
+        lure, k, j, _short(middle, half), lambda amount: abs(amount - centre) <= room
+    )
     return found, CentringMove(k, j, lowest, highest, amount)
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.agent import Move
 from lockstep.model.loop_transformation.lure import Lure
-from lockstep.model.loop_transformation.shift import moved
+from lockstep.model.loop_transformation.shift import moved_exactly
 
 STEP, JUMP = 1e-9, 1e-6
 """A kink shows as a slope that jumps by this part within this distance of the origin."""
@@ -42,7 +42,7 @@ def linearised(lure: Lure) -> tuple[Lure, tuple[Move, ...]]:
     slope, moves = _slope_at_origin(lure), list[Move]()
     for k, j in product(*map(range, slope.shape)):
         if slope[k, j]:
-            lure, amount = moved(lure, k, j, _near(float(slope[k, j])))
+            lure, amount = moved_exactly(lure, k, j, _near(float(slope[k, j])))
             moves.append(Move(k, j, amount))
     return lure, tuple(moves)
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from lockstep.check.numbers import as_fraction, is_double
 from lockstep.check.system.agent import ExactAgent
-from lockstep.model.formulas.symbolic import rounds, symbolic, to_double
+from lockstep.model.formulas.symbolic import rounds_a_coefficient, symbolic, to_double
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def lure_form(agent: ExactAgent) -> Lure:
         at_origin=ca.Function("at_origin", [t], [ca.densify(origin)], ["t"], ["h"]),
         rounded=(
             *_rounded(agent),
-            *(f"phi{k}" for k, part in enumerate(agent.phi.outputs, start=1) if rounds(part)),
+            *(f"phi{k}" for k, part in enumerate(agent.phi.outputs, start=1) if rounds_a_coefficient(part)),
         ),
     )
 

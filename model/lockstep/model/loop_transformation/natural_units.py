@@ -13,7 +13,7 @@ WEAK = 1e-2
 """The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
 
 
-def natural(
+def natural_units(
     plant: Plant, alpha: float, R: Float[np.ndarray, "n n"], *, rounded: bool = True, tau: float | None = None
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " m"], Float[np.ndarray, " q"], float, float]:
     """Return X, S_u, S_y, tau and g: rounded to powers of two, or as the least squares have them.
@@ -72,14 +72,16 @@ def _moving(
     The `usual` one of an input that moves none.
     """
     with np.errstate(all="ignore"):
-        found = np.array([(X[:, None] * np.abs(held_for(tau, plant.A, B))).max(axis=0) for B in plant.B])
+        found = np.array([(X[:, None] * np.abs(step_response(tau, plant.A, B))).max(axis=0) for B in plant.B])
     sized = (found > 0) & np.isfinite(found)
     count = np.maximum(sized.sum(axis=0), 1)
     mean = np.exp(-np.log(np.where(sized, found, 1.0)).sum(axis=0) / count)
     return np.where(sized.any(axis=0), mean, usual)
 
 
-def held_for(t: float, A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+def step_response(
+    t: float, A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]
+) -> Float[np.ndarray, "n m"]:
     """Return where inputs of one that are held for t seconds bring x' = A x + B u from rest: the integral of e^(A s) ds B."""
     from scipy.linalg import expm
 

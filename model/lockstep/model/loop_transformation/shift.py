@@ -37,10 +37,10 @@ def rounded(lure: Lure, k: int, j: int, amount: Fraction) -> Lure:
         A[i, c] = float(exact)
         names += [] if is_double(exact) else [f"A[{i + 1},{c + 1}]"]
     names = list(dict.fromkeys((*lure.rounded, *names)))
-    return replace(lure, A=A, phi=without(lure.phi, k, j, amount), rounded=tuple(names))
+    return replace(lure, A=A, phi=phi_without(lure.phi, k, j, amount), rounded=tuple(names))
 
 
-def moved(
+def moved_exactly(
     lure: Lure,
     k: int,
     j: int,
@@ -53,13 +53,13 @@ def moved(
     """
     wishes = list(wishes)
     for wish in wishes:
-        for amount in (wish, *fitting(lure, k, j, wish)):
+        for amount in (wish, *exact_amounts(lure, k, j, wish)):
             if allowed(amount) and (found := shifted(lure, k, j, amount)) is not None:
                 return found, amount
     return rounded(lure, k, j, wishes[0]), wishes[0]
 
 
-def fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
+def exact_amounts(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
     """Yield amounts next to the wish that make one entry of A a double: 0.1 + 0.5 is none, 0.6 is."""
     for i, c, weight in _entries(lure, k, j):
         old = Fraction(float(lure.A[i, c]))
@@ -68,7 +68,7 @@ def fitting(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
             yield amount
 
 
-def without(phi: ca.Function, k: int, j: int, amount: Fraction) -> ca.Function:
+def phi_without(phi: ca.Function, k: int, j: int, amount: Fraction) -> ca.Function:
     """Return phi with amount v_j taken from component k, in two terms if the amount is no double."""
     v, t = ca.SX.sym("v", phi.size1_in(0)), ca.SX.sym("t")
     w = ca.densify(phi(v, t))

@@ -5,7 +5,7 @@ from typing import Any
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.system.graph_family import SpectrumRange
-from lockstep.model.graphs.membership import Membership, membership, within
+from lockstep.model.graphs.membership import Membership, membership, within_interval
 from lockstep.model.graphs.sparse_graph import SparseGraph, read_graph
 from lockstep.model.problem.tables.schema import NetworkTable, ProblemFile
 
@@ -51,7 +51,7 @@ def network_of_graph(
         )
     found_there = membership(graph, seed=seed, below=None if table.spectrum is None else table.spectrum[0])
     if table.spectrum is not None:
-        found_there = within(found_there, *table.spectrum)
+        found_there = within_interval(found_there, *table.spectrum)
     kept |= {"agents": graph.agents, "spectrum": [found_there.lower, found_there.upper]}
     most = SpectrumRange.of(kept).neighbours
     if graph.most_neighbours > most:

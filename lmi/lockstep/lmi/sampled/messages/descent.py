@@ -18,7 +18,7 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.analysis.response import Poles, power_mean
 from lockstep.lmi.sampled.synthesis.lifting_gradient import lifted_period
-from lockstep.lmi.sampled.synthesis.power_means import Closed, SampledObjective, ValueAndSlopes
+from lockstep.lmi.sampled.synthesis.power_means import ClosedLoopMaps, SampledObjective, ValueAndSlopes
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
 
@@ -92,7 +92,7 @@ class AgedObjective(SampledObjective):
         by_start[:, :n] += 2 * Q @ own @ mean.Q[:n, :n]
         by_applied = np.zeros_like(applied)
         by_applied[:, :n] = 2 * self.weight @ u @ mean.Q[:n, :n]
-        by_K = self.gains(K, self.columns, Closed(by_start, by_step[n_d:], by_applied))
+        by_K = self.gains(K, self.columns, ClosedLoopMaps(by_start, by_step[n_d:], by_applied))
         EE, FF = one.pulled_back(by_step[:n_d] @ start.T, mean.S[:n_d, :n_d], own @ mean.Q[:n, :n] @ own.T)
         by_m, by_rho = self._numbers(m, log_rho, EE, FF)
         by_X = (

@@ -38,7 +38,7 @@ DENSE = 400
 
 
 @dataclass(frozen=True)
-class Limit:
+class FaultLimit:
     """Of one fault by itself.
 
     certified: the largest that is proved to be survived;  breaks: one that is not, None where none was seen;  how: it does.
@@ -59,7 +59,7 @@ def message_limits(
     near: Form,
     entries: tuple[Entry, ...] = (),
     tell: Callable[[str], None] = lambda _: None,
-) -> dict[str, Limit]:
+) -> dict[str, FaultLimit]:
     """Return the limit of each fault: loss, burst, delay, jitter.
 
     Args:
@@ -77,13 +77,15 @@ def message_limits(
     age = _largest_age(lambda D: certified(Messages(burst=D)))
     jitter = _largest(JITTERS, lambda k: certified(Messages(jitter=k / JITTERS)))
     tell("what breaks the loop")
-    cases = [ConstantSlope(network, controllers, slope, said) for slope, said in slopes(network, entries)]
+    cases = [
+        ConstantSlope(network, controllers, slope, said) for slope, said in constant_slopes(network, entries)
+    ]
     burst, delay = (_breaking_age(cases, age, patterns) for patterns in (bursts, delays))
     return {
-        "loss": Limit(loss / LOSSES, *_breaking_loss(cases, loss)),
-        "burst": Limit(age, *burst),
-        "delay": Limit(age, *delay),
-        "jitter": Limit(jitter / JITTERS, *_breaking_jitter(cases, jitter)),
+        "loss": FaultLimit(loss / LOSSES, *_breaking_loss(cases, loss)),
+        "burst": FaultLimit(age, *burst),
+        "delay": FaultLimit(age, *delay),
+        "jitter": FaultLimit(jitter / JITTERS, *_breaking_jitter(cases, jitter)),
     }
 
 
@@ -104,7 +106,7 @@ def _largest_age(holds: Callable[[int], bool]) -> int:
     return low + _largest(high - low, lambda k: holds(low + k))
 
 
-def slopes(
+def constant_slopes(
     network: SampledNetwork, entries: tuple[Entry, ...]
 ) -> Iterator[tuple[Float[np.ndarray, "r v"], str]]:
     """Yield constant slopes of phi that are admitted: 0, and each single entry at its bound."""
@@ -219,7 +221,7 @@ def _breaking_loss(cases: list[ConstantSlope], certified: int) -> tuple[float | 
         return max((case.mean_square(k / LOSSES), case.said) for case in cases)
 
     if growth(LOSSES - 1)[0] <= 1:
-        return None, Limit.how
+        return None, FaultLimit.how
     k = 1 + _largest(LOSSES - 1, lambda one: growth(one)[0] <= 1)
     found, said = growth(max(k, certified + 1))
     return max(k, certified + 1) / LOSSES, f"the mean square grows by {found:.6g} per period at {said}"
@@ -233,7 +235,7 @@ def _breaking_age(
         growth, said = max(found)
         if growth > 1:
             return age, said
-    return None, Limit.how
+    return None, FaultLimit.how
 
 
 def _pattern_growth(case: ConstantSlope, age: int, pattern: tuple[int, ...]) -> tuple[float, str]:
@@ -259,7 +261,7 @@ def _breaking_jitter(cases: list[ConstantSlope], certified: int) -> tuple[float 
         growth, said = max(found)
         if growth > 1:
             return part, said
-    return None, Limit.how
+    return None, FaultLimit.how
 
 
 def _radius(steps: list[Form]) -> float:

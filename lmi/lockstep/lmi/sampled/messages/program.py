@@ -18,7 +18,7 @@ from lockstep.check.sampled.links import Messages, MessageWitness
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.messages import message_step
 from lockstep.lmi.analysis.dense_sdp import run_dense
-from lockstep.lmi.analysis.semidefinite import factor
+from lockstep.lmi.analysis.semidefinite import square_root_factor
 from lockstep.lmi.sampled.step_program import FLATTEST, NOTHING
 
 Form = Float[np.ndarray, "k k"]
@@ -109,7 +109,7 @@ def with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> MessageProg
     """Return the program whose pair weights are found with it; one: period of one agent;  near: as for `of`."""
     d, unit = loop.network.d, np.eye(loop.network.d.N - 1)
     lifted, forms = copies(one, unit), [d.pair_multiplier(*pair) for pair in d.pairs()]
-    root = factor(one.BB_d, NOTHING)
+    root = square_root_factor(one.BB_d, NOTHING)
     # Linear in M, and `copies` wants a regular one.
     costs = [loop.start.T @ (copies(one, unit + form).CC_d - lifted.CC_d) @ loop.start for form in forms]
     multipliers = [np.kron(form, np.eye(root.shape[1])) for form in forms]
@@ -118,7 +118,7 @@ def with_free_weights(loop: SampledLoop, one: Lifted, near: Form) -> MessageProg
 
 def with_fixed_weights(loop: SampledLoop, lifted: Lifted, running: Form | None, near: Form) -> MessageProgram:
     """Return the program of a period lifted with all weights; running: a cost of z at each sampling instant."""
-    root = factor(lifted.BB_d, NOTHING)
+    root = square_root_factor(lifted.BB_d, NOTHING)
     costs = [loop.start.T @ lifted.CC_d @ loop.start + (0.0 if running is None else running)]
     found = MessageProgram.of(loop, lifted, root, costs, [np.eye(root.shape[1])], near, scaled=False)
     if running is None:

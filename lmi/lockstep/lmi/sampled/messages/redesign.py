@@ -17,11 +17,11 @@ from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.links import Messages, MessageWitness
-from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.gain_limit import projected
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, Stage
-from lockstep.lmi.sampled.synthesis.gains_for_period import ROOM, AtPeriod, StartingGains, usable
+from lockstep.lmi.sampled.synthesis.gains_for_period import ROOM, AtPeriod, StartingGains, positive_weights
 from lockstep.lmi.sampled.witnesses import in_doubles
 from lockstep.lmi.shapes import GainBlocks, PairWeights
 
@@ -71,7 +71,7 @@ def gains_for_messages(
         tell: called with the part that is done.
     """
     tell(0.0)
-    known = usable(start.m, len(at.network.d.pairs()))
+    known = positive_weights(start.m, len(at.network.d.pairs()))
     witness = _of_less(at, messages, controllers)
     X = _alike(at) if witness is None else known.mean() / max(float(witness.m.mean()), 1e-300) * witness.X
     point: DescentPoint | None = None
@@ -92,7 +92,7 @@ def gains_for_messages(
         stages = STAGES[1:]
         if part >= 1:
             m = np.exp(point.logs[: len(objective.pairs)]) if objective.has_phi else known
-            yield StartingGains(within(point.K, (1 - ROOM) * at.gain_limit), m, start.rho)
+            yield StartingGains(projected(point.K, (1 - ROOM) * at.gain_limit), m, start.rho)
 
 
 def _of_less(

@@ -24,7 +24,7 @@ MU = 1e6
 """What underflow counts relative to the messages' noise: it is some thirty decades smaller."""
 
 
-def priced(
+def priced_modal_witness(
     setting: ModalSetting, found: Any, dear: float, claimed: tuple[float, float] | None = None
 ) -> Iterator[SampledModalWitness]:
     """Yield a witness with prices of every error, as cheap a noise as holds, and the decay and weight that it has room for.

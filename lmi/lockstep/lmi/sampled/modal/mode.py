@@ -21,7 +21,7 @@ from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.check.sampled.modes import ModalLoop
-from lockstep.lmi.analysis.semidefinite import Block, factor, symmetric_basis
+from lockstep.lmi.analysis.semidefinite import Block, square_root_factor, symmetric_basis
 from lockstep.lmi.sampled.l2_gain import lifted_with_performance
 from lockstep.lmi.sampled.witnesses import period_in_doubles
 
@@ -52,7 +52,7 @@ class LiftedMode:
         n, n_d = self.loop.n_x, self.loop.n_d
         others = self.loop.outputs if decay is None else self.loop.messages
         kept = np.r_[0:n, others.start : others.stop]
-        E, (of_mu, of_noise) = factor(self.lifted.BB_d), units
+        E, (of_mu, of_noise) = square_root_factor(self.lifted.BB_d), units
         z, e = len(kept), E.shape[1]
         D = np.zeros((z, z))
         D[:n, :n] = np.linalg.inv(np.linalg.cholesky(weighed)).T
@@ -86,7 +86,7 @@ class LiftedMode:
         step, n = step_matrix(self.loop, self.lifted), self.loop.n_x
         N = base.T @ step[:, :n] @ np.linalg.inv(np.linalg.cholesky(weighed)).T
         noise = base.T @ step[:, self.loop.messages]
-        E = base.T[:, : self.loop.n_d] @ factor(self.lifted.BB_d)
+        E = base.T[:, : self.loop.n_d] @ square_root_factor(self.lifted.BB_d)
         sizes = [float(np.linalg.norm(N.T @ one, 2)) ** 2 if one.size else 0.0 for one in (E, noise)]
         return sizes[0] or 1.0, sizes[1] or 1.0
 

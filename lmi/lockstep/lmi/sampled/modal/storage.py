@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from lockstep.check.sampled.inequality import step_matrix
-from lockstep.lmi.analysis.semidefinite import Block, least, symmetric_basis
+from lockstep.lmi.analysis.semidefinite import Block, minimise, symmetric_basis
 from lockstep.lmi.sampled.modal.mode import LiftedMode, ModalSetting, Storage
 
 CLAIMED = 0.7
@@ -73,7 +73,7 @@ def _least_noise(
     blocks.append((0 * one if mu is None else -mu / unit / of_mu * one, chosen))
     if mu is not None:
         blocks.append((mu / unit / of_mu * one, -chosen))
-    solved = least(np.eye(k)[k - 1], blocks)
+    solved = minimise(np.eye(k)[k - 1], blocks)
     if solved is None or not solved.x[k - 2] > 0:
         return None
     P = unit * base @ np.tensordot(solved.x[: k - 2], basis, 1) @ base.T
@@ -106,7 +106,7 @@ def _segment(setting: ModalSetting, low: float, high: float) -> tuple[Storage, f
         blocks.append((LARGEST * np.eye(n), -signs))
     else:
         blocks.append((one, -np.eye(k)[k - 2].reshape(k, 1, 1)))
-    solved = least(-np.eye(k)[k - 1], blocks)
+    solved = minimise(-np.eye(k)[k - 1], blocks)
     if solved is None or not solved.x[-1] > 0 or max(map(_radius, filter(None, modes))) >= 1:
         return None
     P = base @ np.tensordot(solved.x[: k - 2], symmetric_basis(n), 1) @ base.T

@@ -18,10 +18,10 @@ from lockstep.check.sampled.modes import (
     decide_modal_sampled,
     proves_modal_rho,
 )
-from lockstep.lmi.sampled.modal.error_multipliers import priced
+from lockstep.lmi.sampled.modal.error_multipliers import priced_modal_witness
 from lockstep.lmi.sampled.modal.mode import ModalSetting
 from lockstep.lmi.sampled.modal.storage import quiet_storages, storages_of
-from lockstep.lmi.sampled.period import longest
+from lockstep.lmi.sampled.period import longest_from
 
 PRICES_OF_ROUNDING = (1.0, 10.0, 0.1, 100.0)
 """t in multiples of what makes an error e = delta Y x_cl cost as much entering, by E'P E, as leaving, by Y P^-1 Y'."""
@@ -68,7 +68,7 @@ def certify_modal(
         for dear in PRICES_OF_ROUNDING:
             if quiet is None:
                 break
-            one = next(priced(setting, quiet[2:], dear, quiet[:2]), None)
+            one = next(priced_modal_witness(setting, quiet[2:], dear, quiet[:2]), None)
             if one is not None:
                 trials.append((_ultimate(one), one))
                 break
@@ -91,7 +91,7 @@ def _of_any_noise(setting: ModalSetting) -> Iterator[SampledModalWitness]:
     """Yield witnesses whose storage was not chosen for the noise that they pass on."""
     found = storages_of(setting)
     for dear in PRICES_OF_ROUNDING if found is not None else ():
-        yield from priced(setting, found, dear)
+        yield from priced_modal_witness(setting, found, dear)
 
 
 def modal_rho(
@@ -113,7 +113,7 @@ def modal_rho(
         if found is None or setting.rho is None:
             continue
         for dear in PRICES_OF_ROUNDING:
-            for witness in priced(setting, found, dear):
+            for witness in priced_modal_witness(setting, found, dear):
                 if proves_modal_rho(loop, weights, setting.rho, witness):
                     return setting.rho, witness
     return None
@@ -151,7 +151,7 @@ def longest_modal(
         with np.errstate(all="ignore"):
             return storages_of(ModalSetting(loop, _outside(loop, ends), weights)) is not None
 
-    return longest(start, seems, lambda period: certify_modal(loop_at(period), ends, weights))
+    return longest_from(start, seems, lambda period: certify_modal(loop_at(period), ends, weights))
 
 
 def _outside(loop: ModalLoop, ends: Sequence[float]) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import Sector
-from lockstep.lmi.analysis.gain_limit import within
+from lockstep.lmi.analysis.gain_limit import projected
 from lockstep.lmi.analysis.unit_scaling import Units, plant_in_units
 from lockstep.lmi.sampled.l2_gain import MULTIPLES, least_in_scales
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
@@ -27,7 +27,7 @@ from lockstep.lmi.sampled.synthesis.tustin import tustin
 from lockstep.lmi.sampled.witnesses import in_doubles, plant_in_doubles
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights
-from lockstep.model.loop_transformation.natural_units import natural
+from lockstep.model.loop_transformation.natural_units import natural_units
 
 RHO_KEPT = (1.5, 5.0)
 """The continuous rho may grow by about so much: what ships is the sampled loop. The second where the first is too little."""
@@ -101,7 +101,7 @@ class AtPeriod:
         return SampledObjective(loop, self.weights, self.order, self.decay)
 
 
-def measured(
+def sampled_rho_of(
     at: AtPeriod, K: GainBlocks, m: PairWeights, scales: Sequence[float] = MULTIPLES
 ) -> SampledCandidate | None:
     """Return the sampled rho of gains with their best scale of m; None where none of them shows one."""
@@ -110,11 +110,11 @@ def measured(
         loop = in_doubles(at.network, controllers, at.weights.outputs)
     except np.linalg.LinAlgError:
         return None
-    found = least_in_scales(loop, at.weights, usable(m, len(at.network.d.pairs())), scales)
+    found = least_in_scales(loop, at.weights, positive_weights(m, len(at.network.d.pairs())), scales)
     return None if found is None else SampledCandidate(K, found[1], found[0])
 
 
-def improved(
+def redesigned(
     at: AtPeriod,
     starts: Sequence[StartingGains],
     *,
@@ -161,7 +161,7 @@ def _settled(
         here = StartingGains(here.K / units.gains, here.m / units.pair_weight, here.rho / units.rho)
         limits = [kept * here.rho for kept in RHO_KEPT] if rho_most is None else [rho_most / units.rho]
         pursued = next((found for limit in limits if (found := _pursued(inside, here, limit, part))), None)
-        at_start = measured(inside, here.K, here.m) if best is None else None
+        at_start = sampled_rho_of(inside, here.K, here.m) if best is None else None
         found = min((one for one in (at_start, pursued) if one), key=lambda one: one.rho, default=None)
         if found is None or (best is not None and units.rho * found.rho >= best.rho):
             return best
@@ -179,7 +179,7 @@ def in_search_units(at: AtPeriod, K: GainBlocks) -> tuple[AtPeriod, Units]:
     """
     network, weights, order = at.network, at.weights, at.order
     plant, _ = plant_in_doubles(network)
-    X, S_u, S_y, time, g = natural(plant, network.alpha, weights.R)
+    X, S_u, S_y, time, g = natural_units(plant, network.alpha, weights.R)
     into = np.linalg.norm(time * K[:, :order, order:] / S_y, axis=(0, 2))
     out = np.linalg.norm(K[:, order:, :order] / S_u[:, None], axis=(0, 1))
     S_C = 2.0 ** np.round(np.log2(np.where(out > 0, out, 1.0) / np.where(into > 0, into, 1.0)) / 2)
@@ -222,15 +222,15 @@ def _pursued(
 def _reached(
     at: AtPeriod, start: StartingGains, rho_c: float, tell: Callable[[float], None]
 ) -> tuple[SampledCandidate | None, DescentPoint | None]:
-    objective, known = at.objective(), usable(start.m, len(at.network.d.pairs()))
+    objective, known = at.objective(), positive_weights(start.m, len(at.network.d.pairs()))
     logs = np.log(known) if objective.has_phi else np.zeros(0)
     best, last = None, None
     stages = Descent(objective, at.gain_limit, rho_c).stages(DescentPoint(start.K, logs, logs))
     for number, last in enumerate(stages, start=1):
         tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
-        K = within(last.K, (1 - ROOM) * at.gain_limit)
-        found = measured(at, K, m, NEARBY)
+        K = projected(last.K, (1 - ROOM) * at.gain_limit)
+        found = sampled_rho_of(at, K, m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
         if at.deadline.over:
@@ -238,7 +238,7 @@ def _reached(
     return best, last
 
 
-def usable(m: Float[np.ndarray, " k"], pairs: int) -> PairWeights:
+def positive_weights(m: Float[np.ndarray, " k"], pairs: int) -> PairWeights:
     """Return weights above 0; ones where there are none to be had, as for linear agents, whose multiplier is idle.
 
     >>> usable(np.array([0.0, 2.0]), 2).tolist(), usable(np.zeros(0), 2).tolist()

@@ -48,7 +48,7 @@ class ValueAndSlopes(NamedTuple):
     log_rho: float
 
 
-class Closed(NamedTuple):
+class ClosedLoopMaps(NamedTuple):
     """The sampled loop with discrete controllers, on some of z: a = start z, the rest of x_cl+, and u; or slopes in them."""
 
     start: Float[np.ndarray, "a z"]
@@ -86,13 +86,13 @@ class SampledObjective:
 
     # The sampled loop.
 
-    def closed(self, K: GainBlocks, columns: Int[np.ndarray, " z"]) -> Closed:
+    def closed(self, K: GainBlocks, columns: Int[np.ndarray, " z"]) -> ClosedLoopMaps:
         """Return the sampled loop with these gains, on these entries of z."""
         into = self.loop.underflows
         computed = (tustin(K, self.order, self.period) @ self.seen[:, :, columns]).reshape(-1, len(columns))
-        return Closed(*(part[:, columns] + part[:, into] @ computed for part in self._parts))
+        return ClosedLoopMaps(*(part[:, columns] + part[:, into] @ computed for part in self._parts))
 
-    def gains(self, K: GainBlocks, columns: Int[np.ndarray, " z"], slopes: Closed) -> GainBlocks:
+    def gains(self, K: GainBlocks, columns: Int[np.ndarray, " z"], slopes: ClosedLoopMaps) -> GainBlocks:
         """Return the slope in K from those in the parts of `closed`."""
         into = self.loop.underflows
         computed = sum(part[:, into].T @ slope for part, slope in zip(self._parts, slopes, strict=True))
@@ -106,7 +106,7 @@ class SampledObjective:
     def _of_step(self, K: GainBlocks, slope: Float[np.ndarray, "n_x n_x"]) -> GainBlocks:
         """Return the slope in K from that in `step`."""
         n_d, none = self.loop.n_d, np.zeros((len(self.loop.applied), self.loop.n_x))
-        return self.gains(K, self.x_cl, Closed(self._flow.T @ slope[:n_d], slope[n_d:], none))
+        return self.gains(K, self.x_cl, ClosedLoopMaps(self._flow.T @ slope[:n_d], slope[n_d:], none))
 
     @cached_property
     def _agents(self) -> tuple[Float[np.ndarray, "n_d n_d"], Float[np.ndarray, "n_d k"]]:
@@ -184,7 +184,7 @@ class SampledObjective:
             return None
         cost = start.T @ Q @ start + closed.applied.T @ self.weight @ closed.applied + self._running
         mean = power_mean(poles, block_diag(one.lifted.BB_d, noise), cost, points, p)
-        slopes = Closed(
+        slopes = ClosedLoopMaps(
             A_d.T @ mean.N[:n_d] + 2 * Q @ start @ mean.Q,
             mean.N[n_d + len(noise) :],
             2 * self.weight @ closed.applied @ mean.Q,

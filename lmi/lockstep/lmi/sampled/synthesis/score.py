@@ -10,10 +10,10 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import common_sector
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.certificate_sdp import split
+from lockstep.lmi.analysis.certificate_sdp import split_multipliers
 from lockstep.lmi.sampled.l2_gain import KEPT, least_in_scales
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
-from lockstep.lmi.sampled.synthesis.gains_for_period import usable
+from lockstep.lmi.sampled.synthesis.gains_for_period import positive_weights
 from lockstep.lmi.sampled.synthesis.tustin import tustin
 from lockstep.lmi.sampled.witnesses import in_doubles
 from lockstep.lmi.shapes import GainBlocks
@@ -80,7 +80,7 @@ class SampledScore:
             HeldController.row_by_row(table, order, sources, np.array(own), PRECISIONS["float64"])
             for table, (sources, own) in zip(tables, self.heard, strict=True)
         )
-        m, m_entries = split(self.loop, self.claim, weights)
+        m, m_entries = split_multipliers(self.loop, self.claim, weights)
         network = self.network
         if self.claim.entries:
             r, v = self.loop.plant.G.shape[1], len(self.loop.plant.H)
@@ -93,7 +93,7 @@ class SampledScore:
             )
             network = replace(network, sector=sector)
         loop, of_rho = in_doubles(network, controllers, self.claim.outputs), self.claim.performance
-        m = usable(m, len(self.loop.d.pairs()))
+        m = positive_weights(m, len(self.loop.d.pairs()))
         found = least_in_scales(loop, of_rho, m, SCALES, resolution=RESOLUTION, kept=KEPT)
         return None if found is None else found[0]
 

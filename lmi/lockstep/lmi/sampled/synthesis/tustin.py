@@ -22,26 +22,26 @@ def tustin(K: GainBlocks, order: int, period: float) -> GainBlocks:
     Raises:
         numpy.linalg.LinAlgError: I - A T/2 is singular.
     """
-    A, B, C, D = parts(K, order)
+    A, B, C, D = split_gains(K, order)
     E = np.linalg.inv(np.eye(order) - A * (period / 2))
     EB = E @ B
-    return joined(2 * E - np.eye(order), period * EB, C @ E, D + period / 2 * C @ EB)
+    return stacked_gains(2 * E - np.eye(order), period * EB, C @ E, D + period / 2 * C @ EB)
 
 
 def pulled_back(K: GainBlocks, slope: GainBlocks, order: int, period: float) -> GainBlocks:
     """Return the slope in K of a function with the given slope in tustin(K, T)."""
-    A, B, C, _ = parts(K, order)
-    g_A, g_B, g_C, g_D = parts(slope, order)
+    A, B, C, _ = split_gains(K, order)
+    g_A, g_B, g_C, g_D = split_gains(slope, order)
     half = period / 2
     E = np.linalg.inv(np.eye(order) - A * half)
     B_t, C_t, E_t = (block.swapaxes(1, 2) for block in (B, C, E))
     g_E = 2 * g_A + period * g_B @ B_t + C_t @ g_C + half * C_t @ g_D @ B_t
-    return joined(
+    return stacked_gains(
         half * E_t @ g_E @ E_t, E_t @ (period * g_B + half * C_t @ g_D), (g_C + half * g_D @ B_t) @ E_t, g_D
     )
 
 
-def parts(
+def split_gains(
     K: GainBlocks, n: int
 ) -> tuple[
     Float[np.ndarray, "N n n"],
@@ -53,7 +53,7 @@ def parts(
     return K[:, :n, :n], K[:, :n, n:], K[:, n:, :n], K[:, n:, n:]
 
 
-def joined(
+def stacked_gains(
     A: Float[np.ndarray, "N n n"],
     B: Float[np.ndarray, "N n q"],
     C: Float[np.ndarray, "N m n"],

@@ -70,7 +70,7 @@ def check_units(table: AgentTable) -> CheckFinding:
     symbols["t"] = Quantity(time)
     for state, text in table.dynamics.items():
         own = symbols[state].powers
-        rate = None if own is None else combined(own, time, -1)
+        rate = None if own is None else product_of(own, time, -1)
         _check(text, symbols, algebra, f"[agent.dynamics] {state}", rate, f"d/dt {state}")
     for output, text in table.outputs:
         asked = known.get(output, Quantity(None)).powers
@@ -98,7 +98,7 @@ def _unit_of_time(table: AgentTable, symbols: dict[str, Quantity], algebra: _Dim
                 found = parse(term, symbols | {"t": Quantity(None)}, algebra, where=state).powers
             except ProblemError:
                 continue
-            time = _known(combined(symbols[state].powers or {}, found or {}, -1))
+            time = _known(product_of(symbols[state].powers or {}, found or {}, -1))
             is_clock = min(abs(time.get("10", 0.0) - math.log10(clock)) for clock in CLOCKS) < NONE
             if time.keys() - {"10"} == {"[time]"} and time["[time]"] == 1 and is_clock:
                 return time
@@ -122,9 +122,9 @@ def _check(
             ) from None
         if asked is None:
             asked, of = found.powers, f"`{term}`"
-        elif found.powers is not None and (off := _known(combined(found.powers, asked, -1))):
-            said = f"the term `{term}` has the dimension {shown(found.powers)}"
-            expected = f"{shown(asked)}, that of {of}"
+        elif found.powers is not None and (off := _known(product_of(found.powers, asked, -1))):
+            said = f"the term `{term}` has the dimension {text_of(found.powers)}"
+            expected = f"{text_of(asked)}, that of {of}"
             if off.keys() == {"10"}:
                 times = f"is {10 ** off['10']:.6g} times that of {of}, and numbers are not converted"
                 said, expected = (
@@ -184,7 +184,7 @@ class _Dimensions:
             return Quantity({})
         if values[0].powers and _known(values[0].powers):
             raise Undefined(
-                f"a function of a quantity of the dimension {shown(values[0].powers)}, not of a number"
+                f"a function of a quantity of the dimension {text_of(values[0].powers)}, not of a number"
             )
         return Quantity({})
 
@@ -192,8 +192,8 @@ class _Dimensions:
 def _same(a: Quantity, b: Quantity) -> Powers | None:
     if a.powers is None or b.powers is None:
         return a.powers if b.powers is None else b.powers
-    if _known(combined(a.powers, b.powers, -1)):
-        raise Undefined(f"made of parts of the dimensions {shown(a.powers)} and {shown(b.powers)}")
+    if _known(product_of(a.powers, b.powers, -1)):
+        raise Undefined(f"made of parts of the dimensions {text_of(a.powers)} and {text_of(b.powers)}")
     return a.powers
 
 
@@ -204,20 +204,20 @@ def _multiplied(a: Quantity, b: Quantity, *, sign: int) -> Quantity:
     if a.powers is None or b.powers is None:
         return Quantity(None, value)
     factor = any(one.value is not None and not one.powers and abs(one.value) != 1 for one in (a, b))
-    return Quantity({**combined(a.powers, b.powers, sign), **({"10": math.nan} if factor else {})}, value)
+    return Quantity({**product_of(a.powers, b.powers, sign), **({"10": math.nan} if factor else {})}, value)
 
 
 def _power(base: Quantity, exponent: Quantity) -> Quantity:
     if exponent.powers:
-        raise Undefined(f"a power whose exponent has the dimension {shown(exponent.powers)}")
+        raise Undefined(f"a power whose exponent has the dimension {text_of(exponent.powers)}")
     if base.powers is None or not _known(base.powers):
         return Quantity(base.powers)
     if exponent.value is None:
-        raise Undefined(f"a quantity of the dimension {shown(base.powers)} to a power that varies")
+        raise Undefined(f"a quantity of the dimension {text_of(base.powers)} to a power that varies")
     return Quantity({k: p * exponent.value for k, p in base.powers.items() if exponent.value})
 
 
-def combined(a: Powers, b: Powers, sign: int) -> Powers:
+def product_of(a: Powers, b: Powers, sign: int) -> Powers:
     """Return the dimension of a product (1) or a quotient (-1)."""
     total = {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in (*a, *b)}
     return {k: p for k, p in total.items() if not abs(p) <= NONE}
@@ -228,7 +228,7 @@ def _known(powers: Powers) -> Powers:
     return {k: p for k, p in powers.items() if not math.isnan(p)}
 
 
-def shown(powers: Powers) -> str:
+def text_of(powers: Powers) -> str:
     """Return a dimension as text.
 
     >>> shown({"[length]": 1.0, "[time]": -2.0, "10": 3.0}), shown({})

@@ -24,7 +24,7 @@ from lockstep.check.verdict import Verdict
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.interval_algebra.definite import BOXES, Question
 from lockstep.model.checks.proved.interval_algebra.eigenvalues import eigenvalues
-from lockstep.model.checks.proved.storage import Rational, Supply, few, propose, rounded
+from lockstep.model.checks.proved.storage import Rational, Supply, farthest_samples, propose_storage, rounded
 from lockstep.model.checks.proved.vector_field import Field, as_written, at_points
 
 SAMPLES = 300
@@ -49,17 +49,17 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
     fastest = -float(np.linalg.eigvals(J).real.max())
     if not fastest > 0:
         return CheckFinding(name, "undecided", "the slowest mode has Re s = 0 to rounding")
-    zeros, J = np.zeros((field.n, 1)), few(J)
+    zeros, J = np.zeros((field.n, 1)), farthest_samples(J)
     share = boxes // len(PARTS)
     for part in PARTS:
         rate, P = fastest * part, metric
         for _ in range(1 if metric else ROUNDS):
             if metric is None:
-                found = propose(J, zeros, zeros.T, None, rate)
+                found = propose_storage(J, zeros, zeros.T, None, rate)
                 P = None if found is None else rounded(found[0], [], None)
             if P is None:
                 break
-            verdict = decided(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
+            verdict = is_dissipative(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
             if verdict.proved:
                 value = {"rate": float(shown), "P": _floats(P)}
                 return CheckFinding(
@@ -97,7 +97,7 @@ def dissipativity(
         refuted = not_decaying(field, marginal=False)
         if refuted is not None:
             return CheckFinding(name, "refuted", f"by no P > 0: {refuted[0]}", None, refuted[1])
-    P = _storage(field, supply, few(_slopes(field)), boxes)
+    P = _storage(field, supply, farthest_samples(_slopes(field)), boxes)
     if P is None:
         return CheckFinding(name, "undecided", "no strict storage function was proved on the domain")
     return CheckFinding(name, "proved", "by V = d'P d", {"P": _floats(P)})
@@ -106,11 +106,11 @@ def dissipativity(
 def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rational | None:
     """Return a P that is proved; where a point refutes one, its slopes join those of the program."""
     for _ in range(ROUNDS):
-        found = propose(J, _array(field.B), _array(field.C), supply, 0.0)
+        found = propose_storage(J, _array(field.B), _array(field.C), supply, 0.0)
         P = None if found is None else rounded(found[0], field.B, _target(field, supply))
         if P is None:
             return None
-        verdict = decided(field, P, supply, Fraction(0), boxes // 2)
+        verdict = is_dissipative(field, P, supply, Fraction(0), boxes // 2)
         if verdict.proved:
             return P
         if "point" not in verdict.figures:
@@ -125,9 +125,9 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     refuted = not_decaying(field, marginal=False)
     if refuted is not None:
         return CheckFinding(name, "refuted", f"no finite one by any P > 0: {refuted[0]}", None, refuted[1])
-    J = few(_slopes(field))
+    J = farthest_samples(_slopes(field))
     B, C = _array(field.B), _array(field.C)
-    best = propose(J, B, C, Supply.gain(q, m, 1.0), 0.0, gain=True)
+    best = propose_storage(J, B, C, Supply.gain(q, m, 1.0), 0.0, gain=True)
     for more in (1.02, 1.3, 3.0) if best is not None else ():
         level = float(f"{np.sqrt(max(best[1], 0.0)) * more:.4g}") if best is not None else 0.0
         supply = Supply.gain(q, m, level)
@@ -137,7 +137,7 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     return CheckFinding(name, "undecided", "no strict storage function was proved on the domain")
 
 
-def decided(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:
+def is_dissipative(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:
     """Decide the matrix inequality of `storage` strictly, for every J of the domain, with P > 0.
 
     With R = 0 the off-diagonal block P B - C'S has to vanish, exactly.

@@ -31,7 +31,7 @@ MOST_BRANCHES = 32
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedEquilibria:
     """The equilibria: x_p = solved[p] for the states solved for, and one of `branches` holds (each of equations = 0).
 
     free: the states in which a branch is written;  hidden: those among them that no equation depends on.
@@ -43,7 +43,7 @@ class Reduced:
     branches: tuple[tuple[Node, ...], ...]
 
 
-def reduced(field: Field) -> Reduced:
+def reduced_equilibria(field: Field) -> ReducedEquilibria:
     """Solve the linear part of f(x) = 0."""
     n = field.n
     atoms, rows = _atoms(field)
@@ -57,7 +57,7 @@ def reduced(field: Field) -> Reduced:
         if any(row[:width]):
             equations.append(linear(row[-1], [*zip(row[:width], atoms, strict=True), *terms]))
         elif not terms:
-            return Reduced({}, (), (), ())
+            return ReducedEquilibria({}, (), (), ())
         else:
             pivot, lead = terms[0][1].data, terms[0][0]
             solved[pivot] = linear(-row[-1] / lead, [(-c / lead, x) for c, x in terms[1:]])
@@ -65,7 +65,7 @@ def reduced(field: Field) -> Reduced:
     free = tuple(j for j in range(n) if j not in solved)
     seen = frozenset[int]().union(*(node.variables for node in equations))
     branches = _branches([node for node in equations if number(node) != 0])
-    return Reduced(solved, free, tuple(j for j in free if j not in seen), branches)
+    return ReducedEquilibria(solved, free, tuple(j for j in free if j not in seen), branches)
 
 
 def _atoms(field: Field) -> tuple[list[Node], list[dict[int, Fraction | int]]]:

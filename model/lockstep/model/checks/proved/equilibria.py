@@ -16,7 +16,7 @@ import numpy as np
 from lockstep.check.bound import intervals
 from lockstep.check.bound.enclosure import Boxes, Program
 from lockstep.check.expression.node import Node, factors, linear, linear_terms, variable
-from lockstep.model.checks.proved.elimination import Reduced, reduced
+from lockstep.model.checks.proved.elimination import ReducedEquilibria, reduced_equilibria
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.interval_algebra.eigenvalues import stability
 from lockstep.model.checks.proved.interval_newton import End, System
@@ -67,7 +67,7 @@ def equilibria(field: Field, *, boxes: int = BOXES) -> tuple[CheckFinding, tuple
     """
     if field.varies:
         return CheckFinding(NAME, "undecided", "f depends on t: an equilibrium at one instant is none"), ()
-    form = reduced(field)
+    form = reduced_equilibria(field)
     search = _Search(field, form, boxes)
     for branch in form.branches:
         search.take(branch)
@@ -77,7 +77,7 @@ def equilibria(field: Field, *, boxes: int = BOXES) -> tuple[CheckFinding, tuple
 class _Search:
     """The branches of one field, and what they have given."""
 
-    def __init__(self, field: Field, form: Reduced, boxes: int) -> None:
+    def __init__(self, field: Field, form: ReducedEquilibria, boxes: int) -> None:
         self.field, self.form, self.budget, self.used = field, form, boxes, 0
         self.found: list[Equilibrium] = []
         self.open: list[tuple[list[float], list[float]]] = []

@@ -20,9 +20,9 @@ from lockstep.check.expression.node import ONE, ZERO, add, linear, multiply
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
 from lockstep.model.checks.proved.interval_algebra.definite import (
     BOXES,
-    Level,
     Question,
-    highest,
+    Supremum,
+    largest_eigenvalue,
     least_level,
 )
 from lockstep.model.checks.proved.vector_field import Field, Matrix, at_points
@@ -61,7 +61,7 @@ def symmetric(J: Matrix) -> Matrix:
     return tuple(tuple(linear(0, [(half, J[i][j]), (half, J[j][i])]) for j in range(n)) for i in range(n))
 
 
-def bounded(field: Field, M: Matrix, boxes: int, least: float = 0.0) -> Level:
+def bounded(field: Field, M: Matrix, boxes: int, least: float = 0.0) -> Supremum:
     """Return the least level c that is proved with lambda_max(M(x, t)) <= c on the domain.
 
     Tolerances are relative to the values of M, or to `least` where these are smaller.
@@ -69,15 +69,15 @@ def bounded(field: Field, M: Matrix, boxes: int, least: float = 0.0) -> Level:
     if all(x is ZERO for row in M for x in row):
         origin = np.clip(0.0, field.lower, field.upper).tolist()
         # Where h may jump, slopes that are all 0 say nothing.
-        return Level(0.0, origin, 0.0 if below(field, ((ZERO,),))(1.0).decide(boxes).proved else None)
+        return Supremum(0.0, origin, 0.0 if below(field, ((ZERO,),))(1.0).decide(boxes).proved else None)
     kept = [i for i, row in enumerate(M) if any(x is not ZERO for x in row)]
     M = tuple(tuple(M[i][j] for j in kept) for i in kept)  # the rows that are 0 have the eigenvalue 0
-    reached, at, size = highest(M, field.samples(SAMPLES))
+    reached, at, size = largest_eigenvalue(M, field.samples(SAMPLES))
     size = max(size, least)
     level = least_level(below(field, M), reached, at, size, boxes)
     if len(kept) == field.n or level.reached > 0:
         return level
-    return Level(0.0, level.point, None if level.proved is None else max(level.proved, 0.0))
+    return Supremum(0.0, level.point, None if level.proved is None else max(level.proved, 0.0))
 
 
 def below(field: Field, M: Matrix) -> Callable[[float], Question]:
@@ -108,7 +108,7 @@ def _best_gamma(J: np.ndarray) -> float:
     return rounded if len(J) and beta(rounded) < (1 - 1e-3) * beta(0.0) else 0.0
 
 
-def _finding(name: str, letter: str, field: Field, level: Level, more: dict[str, float]) -> CheckFinding:
+def _finding(name: str, letter: str, field: Field, level: Supremum, more: dict[str, float]) -> CheckFinding:
     aside = "".join(f", {key} = {value:.6g}" for key, value in more.items())
     seen = {"point": level.point[:-1], "t": level.point[-1], "reached": level.reached}
     reached = f"{level.reached:.6g} is reached at {numbers(level.point[: field.n])}"

@@ -27,7 +27,7 @@ from lockstep.model.checks.proved.interval_algebra.definite import (
     BOXES,
     TOLERANCES,
     Question,
-    highest,
+    largest_eigenvalue,
     least_level,
 )
 from lockstep.model.checks.proved.vector_field import FAR, Ends, as_written
@@ -66,7 +66,7 @@ def _sector(agent: Agent, phi: ExactPhi, k: int, lower: Ends, upper: Ends, boxes
     ends = [None if low[0] is None else -low[0], high[0]]
     shown = f"[{'-inf' if ends[0] is None else f'{ends[0]:.6g}'}, {'inf' if ends[1] is None else f'{ends[1]:.6g}'}]"
     value = {"a": ends[0], "b": ends[1], "argument": j + 1}
-    seen = {"lowest": {"ratio": -low[1], "v": low[2]}, "highest": {"ratio": high[1], "v": high[2]}}
+    seen = {"lowest": {"ratio": -low[1], "v": low[2]}, "largest_eigenvalue": {"ratio": high[1], "v": high[2]}}
     where = arguments_text(agent)
     if ends == [None, None]:
         return CheckFinding(name, "undecided", f"no end was proved ({where})", value, seen)
@@ -104,7 +104,7 @@ def _end(
     """Return the least b with sign phi / v <= b that is proved, the largest value seen, and its v."""
     quotient = _quotient(w, j, sign)
     slope = Program(derivative([w], j)) if through else None
-    reached, at, size = highest(((quotient,),), points)
+    reached, at, size = largest_eigenvalue(((quotient,),), points)
     if not np.isfinite(upper[j] - lower[j]):
         size = max(1.0, abs(reached))
 

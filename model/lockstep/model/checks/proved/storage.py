@@ -60,7 +60,7 @@ def scales(J: Float[np.ndarray, "k n n"]) -> Float[np.ndarray, " n"]:
     return np.asarray(scale)
 
 
-def few(J: Float[np.ndarray, "k n n"]) -> Float[np.ndarray, "l n n"]:
+def farthest_samples(J: Float[np.ndarray, "k n n"]) -> Float[np.ndarray, "l n n"]:
     """Return at most `MOST_SAMPLES` slopes, each the farthest from those before it."""
     flat = J.reshape(len(J), -1)
     flat = flat / np.maximum(np.abs(flat).max(axis=0), 1e-300)
@@ -72,7 +72,7 @@ def few(J: Float[np.ndarray, "k n n"]) -> Float[np.ndarray, "l n n"]:
     return J[chosen]
 
 
-def propose(
+def propose_storage(
     J: Float[np.ndarray, "k n n"],
     B: Float[np.ndarray, "n m"],
     C: Float[np.ndarray, "q n"],

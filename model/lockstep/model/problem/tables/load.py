@@ -11,7 +11,7 @@ from lockstep.check.errors import ProblemError, demand
 from lockstep.check.file_limits import DEEPEST_KEY, MOST_KEYS, check_document
 from lockstep.check.files import read_text
 from lockstep.check.wording import shorten
-from lockstep.model.formulas.confusables import instead_of
+from lockstep.model.formulas.confusables import toml_instead_of
 from lockstep.model.problem.tables.schema import ProblemFile
 from lockstep.model.problem.tables.validation_errors import problem_error
 
@@ -70,7 +70,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ProblemError(
             f"this is not TOML: {what[:1].lower()}{what[1:]}",
             where=place.group(1) if place else "",
-            remedy=instead_of(text, _bare_line(text, place)),
+            remedy=toml_instead_of(text, _bare_line(text, place)),
         ) from None
     except (RecursionError, ValueError) as error:
         deep = isinstance(error, RecursionError)

@@ -61,13 +61,13 @@ class Point:
         return None, [arb(float(low[0])).union(arb(float(high[0]))) for low, high in ranges]
 
 
-def along(field: Field, node: Node) -> Node:
+def lie_derivative(field: Field, node: Node) -> Node:
     """Return L_f of a function of the states."""
     (row,) = jacobian([node], field.n)
     return expand(add(*(multiply(d, f) for d, f in zip(row, field.f, strict=True))))
 
 
-def along_inputs(field: Field, node: Node) -> Nodes:
+def lie_derivatives(field: Field, node: Node) -> Nodes:
     """Return L_g of a function, for each column g of B."""
     (row,) = jacobian([node], field.n)
     return tuple(expand(linear(0, zip(g, row, strict=True))) for g in zip(*field.B, strict=True))

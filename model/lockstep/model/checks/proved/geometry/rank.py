@@ -18,7 +18,7 @@ from flint import fmpq, fmpq_mat
 
 from lockstep.check.expression.node import ZERO, Node, constant, linear, linear_terms, variable
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.geometry.lie import Point, along, bracket, rank_at, too_long
+from lockstep.model.checks.proved.geometry.lie import Point, bracket, lie_derivative, rank_at, too_long
 from lockstep.model.checks.proved.vector_field import Field, Nodes, as_written, jacobian, smooth_on
 
 MOST_BRACKETS = 40
@@ -43,7 +43,7 @@ def controllability_rank(field: Field, point: Point) -> CheckFinding:
 def observability_rank(field: Field, point: Point) -> CheckFinding:
     """Decide local observability at a point, u = 0."""
     words = ("neither f nor y sees a direction of the states", "never_seen", "derivatives")
-    return _decided(field, point, "observability", seen(field), words, _derivatives)
+    return _decided(field, point, "observability", observable(field), words, _derivatives)
 
 
 def _decided(
@@ -100,7 +100,7 @@ def _derivatives(field: Field) -> Steps:
         yield jacobian(found, field.n), f"{len(found)} Lie derivatives"
         if too_long(generation):
             break
-        generation = [along(field, node) for node in generation]
+        generation = [lie_derivative(field, node) for node in generation]
         found += generation
 
 
@@ -110,7 +110,7 @@ def reachable(field: Field) -> tuple[int, list[float]]:
     return _closure([list(g) for g in zip(*field.B, strict=True)], A, terms)
 
 
-def seen(field: Field) -> tuple[int, list[float]]:
+def observable(field: Field) -> tuple[int, list[float]]:
     """Return the dimension of the least space of linear forms that holds C and that f keeps, and a direction none sees."""
     A, terms = _terms(field)
     return _closure(field.C, [list(column) for column in zip(*A, strict=True)], [(b, a) for a, b in terms])

@@ -19,7 +19,7 @@ from lockstep.check.bound.regularity import Conditions
 from lockstep.check.expression.node import ZERO, Node, linear, multiply, number, power, variable
 from lockstep.check.expression.traversal import expand
 from lockstep.model.checks.proved.finding import CheckFinding, numbers
-from lockstep.model.checks.proved.geometry.lie import Point, along, along_inputs, too_long
+from lockstep.model.checks.proved.geometry.lie import Point, lie_derivative, lie_derivatives, too_long
 from lockstep.model.checks.proved.interval_algebra.definite import Question
 from lockstep.model.checks.proved.vector_field import Field, Nodes, exactly_at, smooth_on
 
@@ -37,7 +37,7 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     for output, C in zip(field.agent.outputs, field.C, strict=True):
         node = linear(0, [(c, variable(j)) for j, c in enumerate(C)])
         for degree in range(1, field.n + 1):
-            row = along_inputs(field, node)
+            row = lie_derivatives(field, node)
             if any(x is not ZERO for x in row):
                 if not _seen_nonzero(field, row):
                     return CheckFinding(
@@ -45,7 +45,7 @@ def relative_degree(field: Field, *, boxes: int = BOXES) -> CheckFinding:
                     )
                 degrees.append(degree)
                 break
-            node = along(field, node)
+            node = lie_derivative(field, node)
             if too_long([node]):
                 return CheckFinding(name, "undecided", f"the derivatives of {output} grow too long")
             if not smooth_on([node], field.lower, field.upper):

@@ -196,7 +196,7 @@ TOLERANCES = (1e-3, 1e-2, 0.1, 0.5)
 
 
 @dataclass(frozen=True)
-class Level:
+class Supremum:
     """The least upper bound of a quantity over a box: `reached` at `point` of (x, t), and `proved`, None if none was."""
 
     reached: float
@@ -211,7 +211,7 @@ def least_level(
     size: float,
     boxes: int = BOXES,
     tolerances: Sequence[float] = TOLERANCES,
-) -> Level:
+) -> Supremum:
     """Return the least level for which the question is proved, searched from what is reached upwards.
 
     Args:
@@ -228,15 +228,15 @@ def least_level(
             verdict = ask(level).decide(left // (len(tolerances) - k))
             left -= int(verdict.figures["boxes"])
             if verdict.proved:
-                return Level(reached, at, level)
+                return Supremum(reached, at, level)
             if verdict.status == "undecided":
                 break
             reached = level - float(verdict.figures["value"])
             at = [*verdict.figures["point"], verdict.figures["t"]]
-    return Level(reached, at, None)
+    return Supremum(reached, at, None)
 
 
-def highest(rows: Matrix, points: Boxes) -> tuple[float, list[float], float]:
+def largest_eigenvalue(rows: Matrix, points: Boxes) -> tuple[float, list[float], float]:
     """Return the largest eigenvalue of a symmetric matrix among points and near the best, where, and the largest norm."""
     lower, upper = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
     random = np.random.default_rng(1)
