@@ -213,7 +213,7 @@ def _gains(design: lockstep.Design) -> str:
     size = f"The largest norm of a controller's gains is {norm:.3g}; their limit is {limit:g}"
     figures = design.stored.info.get("figures", {}).get("defaults", {})
     given_up = figures.get("given_up")
-    raised = f", since {given_up.replace('none', 'there were none')}" if given_up else ""
+    raised = f" (before that: {given_up})" if given_up else ""
     chosen = "chosen by default" if figures else "the file's"
     if norm < AT_LIMIT * limit:
         return f"{size}, {chosen}{raised}: it does not bind."

@@ -235,8 +235,8 @@ def test_a_run_outside_of_what_is_proved_is_said(facts, page_of):
     assert "Not covered by the certificate" not in page_of()
     saturated = replace(facts, trajectory=replace(facts.trajectory, clipped=15))
     said, start, *_ = saturated.uncovered
-    assert "15 steps saturated an input" in said
-    assert "that no input saturates is proved up to" in start
+    assert "15 controller steps met a limit of an input" in said
+    assert "no saturation is proved from |x_d(0)| <= " in start
     assert "gain_limit" in start
     for fallen, named in ((0.1, False), (1.0, True)):
         x = facts.trajectory.x * np.linspace(1.0, fallen, len(facts.trajectory.t))[:, None, None]

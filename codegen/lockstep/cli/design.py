@@ -76,7 +76,8 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
         return {}
     shown = {key: _unlike_one(value) for key, value in asked.items() if key != "given_up"}
     said = ", ".join(f"{key} = {value_text(value)}" for key, value in shown.items() if value)
-    return {"by default": "; ".join(filter(None, [said, asked.get("given_up")]))}
+    before = f"before that: {asked['given_up']}" if asked.get("given_up") else ""
+    return {"by default": "; ".join(filter(None, [said, before]))}
 
 
 def _unlike_one(value: Any) -> Any:

@@ -56,17 +56,20 @@ class Facts:
         start, end, inside = float(distances[0]), float(distances[-1]), claims.initial_set
         said = (
             (left, f"{left}; the certificate is for agents inside"),
-            (run.clipped, f"{run.clipped} steps saturated an input, and rho is proved without saturation"),
+            (
+                run.clipped,
+                f"{run.clipped} controller steps met a limit of an input, and rho is proved without saturation",
+            ),
             (run.clipped, self._saturated_from(start, without, clipped)),
             (
                 run.clipped and end > max(start / 2, without or 0.0, clipped or 0.0),
-                f"it ends {end:.3g} from agreement, where nothing is proved: it may settle with a longer `horizon`, or never",
+                f"|x_d| = {end:.3g} at its end, where nothing is proved: it may settle with a longer `horizon`, or never",
             ),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
                 inside is not None and start > inside.radius,
-                f"it starts {start:.3g} from agreement; that agents stay in their domain is proved from"
-                f" {below(inside.radius) if inside else ''}",
+                f"|x_d(0)| = {start:.3g}; that agents stay in their domain is proved from"
+                f" |x_d(0)| <= {below(inside.radius) if inside else ''}",
             ),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
@@ -76,10 +79,9 @@ class Facts:
         slower = ", a lower `decay`" * bool(self.problem.design.decay)
         static = ", `order = 0`" * bool(self.problem.order)
         return (
-            f"it starts {start:.3g} from agreement; that no input saturates is proved"
-            f" {f'up to {below(without)}' if without else 'for no distance'}"
-            f"{f', that agents agree all the same up to {below(clipped)}' if clipped else ''}: smaller gains raise that"
-            f" (a `gain_limit` below {self.problem.design.gain_limit:g}{slower}{static})"
+            f"|x_d(0)| = {start:.3g}; no saturation is proved {f'from |x_d(0)| <= {below(without)}' if without else 'at all'}"
+            f"{f', agreement with saturation from |x_d(0)| <= {below(clipped)}' if clipped else ''}: smaller gains enlarge"
+            f" that (a `gain_limit` below {self.problem.design.gain_limit:g}{slower}{static})"
         )
 
     @property

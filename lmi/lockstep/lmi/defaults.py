@@ -97,7 +97,7 @@ class Specification(NamedTuple):
 
     def with_limit(self, came: str) -> str:
         """Say how far a search for it came."""
-        return f"{came} within gain_limit {self.problem.design.gain_limit:g}{self.sized}"
+        return f"gain_limit {self.problem.design.gain_limit:g}{self.sized}: {came}"
 
 
 def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator[Specification]:
@@ -115,7 +115,7 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
     if within is not None:
         for more, part in SIZED if problem.design.decay else SIZED[:1]:
             asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
-            yield Specification(asked, f", which {part} [agent.limits] sized", enough=True)
+            yield Specification(asked, f", sized for {part} [agent.limits]", enough=True)
             most = 0.0 if "gain_units" in within else asked.design.gain_limit
     for limit in limits:
         if "gain_units" not in limit and limit["gain_limit"] <= most:

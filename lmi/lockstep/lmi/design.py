@@ -97,7 +97,7 @@ def _designed(
                 break
             first = first or str(error)  # what no controller can is said in the same words each time
             if last and isinstance(error, Infeasible | NotCertified) and str(error) != first:
-                said = f"{error}; before that, by default: {_given_up(before, wish)}"
+                said = f"{error}; before that, by default, {_given_up(before, wish)}"
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
@@ -128,13 +128,13 @@ def _came_to(error: ClaimError, decay: float | None) -> str:
     if "fraction" in figures:
         return f"{int(100 * figures['fraction']) / 100 or 'nothing'} of what is asked was carried"
     if isinstance(error, NotCertified):
-        return f"gains were found, but not proved ({error}),"
+        return f"gains were found, but not proved ({error})"
     if figures.get("abscissa", -1.0) < 0:
         return "none had a certificate" + ", even for a thousandth of alpha" * ("abscissa" in figures)
     if not decay:
         return "no loop was as stable as is searched for"
     came = figures.get("decay", 0.0)
-    return f"no loop decayed at {decay:g} 1/s{f' (the fastest at {came:.2g})' if came > 0 else ''}"
+    return f"no loop decayed at {decay:g} 1/s{f' ({came:.2g} 1/s at most)' if came > 0 else ''}"
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:

@@ -234,7 +234,8 @@ def test_how_fast_loops_came_is_said_of_gains_that_are_too_slow() -> None:
     assert {"this search likely" in what for what, part in searched if part > 0} == {False}
     given_up = found.figures["defaults"]["given_up"]
     came = re.match(
-        r"no loop decayed at 0\.2 1/s \(the fastest at ([\d.]+)\) within gain_limit 0\.05", given_up
+        r"gain_limit 0\.05, sized for half of \[agent\.limits\]: no loop decayed at 0\.2 1/s \(([\d.]+) 1/s at most\)",
+        given_up,
     )
     assert came is not None
     assert 0.015 < float(came[1]) < 0.0252

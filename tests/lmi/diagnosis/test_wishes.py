@@ -199,7 +199,7 @@ def test_what_was_given_up_is_said_where_it_did_not_help(monkeypatch) -> None:
     monkeypatch.setattr("lockstep.lmi.design._proposed", none)
     with pytest.raises(
         Infeasible,
-        match=r"50\); before that, by default: 0.9 of what is asked was carried within gain_limit 6.4; .*; not asked for",
+        match=r"50\); before that, by default, gain_limit 6.4: 0.9 of what is asked was carried; .*; not asked for",
     ) as refused:
         design(posed)
     assert refused.value.figures == {"fraction": 0.9}
