@@ -258,7 +258,7 @@ def test_an_agent_that_leaves_its_domain_in_the_run_is_named(facts, root):
     carts = lockstep.load(root / "docs" / "gallery" / "designs" / "carts.json")
     run = lockstep.simulate(carts, horizon=0.1).trajectory
     (start,) = replace(facts, stored=carts.stored, trajectory=run).uncovered
-    assert "it starts 0.381 from agreement" in start and "is proved from 0.0606" in start
+    assert "|x_d(0)| = 0.381;" in start and "is proved from |x_d(0)| <= 0.0606" in start
     x = run.x.copy()
     x[2, 1, 2] = 2.0
     left, _ = replace(facts, stored=carts.stored, trajectory=replace(run, x=x)).uncovered
