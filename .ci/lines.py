@@ -142,7 +142,7 @@ LATER = {
         ["codegen/lockstep/swarm", "codegen/lockstep/workflow/runs/swarm.py"],
         1000,
     ),
-    "wishes by default, trade-offs, inputs that are clipped": (
+    "specifications by default, trade-offs, inputs that are clipped": (
         [
             *(
                 f"lmi/lockstep/lmi/{name}.py"

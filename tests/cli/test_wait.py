@@ -246,7 +246,7 @@ def test_only_what_a_design_depends_on_is_in_the_key():
 def test_initial_states_are_in_the_key_where_they_size_the_gains():
     """A file whose start alone had changed was given the gains of the start before."""
 
-    def key(start: str, limits: str = "", wishes: str = "") -> str:
+    def key(start: str, limits: str = "", asked: str = "") -> str:
         return design_cache.key(
             lockstep.Problem.parse(
                 f"""
@@ -261,7 +261,7 @@ def test_initial_states_are_in_the_key_where_they_size_the_gains():
                 topology = "complete"
                 [design]
                 order = 0
-                {wishes}
+                {asked}
                 [simulation]
                 initial = [[{start}], [0.0]]
                 """

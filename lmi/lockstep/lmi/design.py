@@ -73,10 +73,10 @@ def _designed(
     tried = list(specifications(problem, network_of(problem, bound), claim_of(problem, bound)))
     deadline = None if time_limit is None else time.monotonic() + time_limit
     best, first, before = None, "", list[str]()
-    for number, wish in enumerate(tried, start=1):
-        left, last = time_limit, wish is tried[-1]
+    for number, spec in enumerate(tried, start=1):
+        left, last = time_limit, spec is tried[-1]
         stop.found = best is not None and problem.design.method == "certified"
-        if deadline is not None and wish is not tried[0]:
+        if deadline is not None and spec is not tried[0]:
             left = max(deadline - time.monotonic(), 1e-3)
         so_far = f" ({before[-1]})" if before else ""
         nth = f"attempt {number} of at most {len(tried)}{so_far}: " * (len(tried) > 1)
@@ -85,7 +85,7 @@ def _designed(
             tell(nth + what, part)
 
         try:
-            found = _proposed(wish.problem, bound, Attempt(jobs, counted, left, stop, last))
+            found = _proposed(spec.problem, bound, Attempt(jobs, counted, left, stop, last))
         except KeyboardInterrupt as error:  # a second one keeps nothing, nor does one that nobody is to take
             taken = isinstance(error, NothingYet) or (stop.flag and not stop.asked)
             if best is None or not taken:
@@ -97,20 +97,20 @@ def _designed(
                 break
             first = first or str(error)  # what no controller can is said in the same words each time
             if last and isinstance(error, Infeasible | NotCertified) and str(error) != first:
-                said = f"{error}; before that, by default, {_given_up(before, wish)}"
+                said = f"{error}; before that, by default, {_given_up(before, spec)}"
                 raise type(error)(said, **error.figures) from None
             if last or stop.asked or (deadline is not None and time.monotonic() >= deadline):
                 raise
-            before.append(wish.with_limit(_came_to(error, problem.design.decay)))
+            before.append(spec.with_limit(_came_to(error, problem.design.decay)))
             continue
         if best is None or _over_floor(found, best) < MUCH * _over_floor(best, best):
-            best = found if wish.problem is problem else _with_remark(found, wish, _given_up(before, wish))
+            best = found if spec.problem is problem else _with_remark(found, spec, _given_up(before, spec))
         elif best is not None:
             break
-        times, near = _over_floor(best, best), VERY_FAR if wish.enough else FAR
+        times, near = _over_floor(best, best), VERY_FAR if spec.enough else FAR
         # Of many graphs there is no floor.
         far = times > near if best.floor else best.network.spectrum is None
-        before.append(wish.with_limit(f"rho was {times:.3g}{' times its lower bound' * bool(best.floor)}"))
+        before.append(spec.with_limit(f"rho was {times:.3g}{' times its lower bound' * bool(best.floor)}"))
         over = stop.asked or (deadline is not None and time.monotonic() >= deadline)
         if over or not far or eliminates_P(best.network.loop(problem.order)):
             break  # of many agents with gains of their own, another search takes many minutes
@@ -118,8 +118,8 @@ def _designed(
     return replace(best, figures=best.figures | {"interrupted": True}) if stop.asked else best
 
 
-def _given_up(before: Sequence[str], wish: Specification) -> str:
-    return "; ".join(filter(None, (*before, wish.not_asked)))
+def _given_up(before: Sequence[str], spec: Specification) -> str:
+    return "; ".join(filter(None, (*before, spec.not_asked)))
 
 
 def _came_to(error: ClaimError, decay: float | None) -> str:
@@ -138,16 +138,16 @@ def _came_to(error: ClaimError, decay: float | None) -> str:
 
 
 def _over_floor(found: Proposal, other: Proposal) -> float:
-    """Return rho over its floor, or over that of another one: wishes that differ in weights are told apart by that."""
+    """Return rho over its floor, or over that of another one, by which specifications with other weights are compared."""
     floor = found.floor or other.floor
     rho = np.inf if found.certificate is None else found.certificate.rho
     return rho / floor.rho if floor else rho
 
 
-def _with_remark(found: Proposal, wish: Specification, said: str) -> Proposal:
+def _with_remark(found: Proposal, spec: Specification, said: str) -> Proposal:
     """Return a proposal that says what was asked for by default, and the decay that a design for the period keeps to."""
-    problem, given_up = wish.problem, {"given_up": said} if said else {}
-    if wish.enough and found.guarantees.decay is not None:
+    problem, given_up = spec.problem, {"given_up": said} if said else {}
+    if spec.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])
     figures = found.figures | {"defaults": {**defaults_of(problem), **given_up}}
     return replace(found, problem=problem, figures=figures)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from lockstep.check.system.loop import Plant
 
 WEAK = 1e-2
-"""The weight of the wish that R be near one in the least squares: it decides what the entries leave open."""
+"""The weight of "R is near one" in the least squares: it decides what the entries leave open."""
 
 
 def natural_units(

@@ -44,26 +44,26 @@ def moved_exactly(
     lure: Lure,
     k: int,
     j: int,
-    wishes: Iterable[Fraction],
+    amounts: Iterable[Fraction],
     allowed: Callable[[Fraction], bool] = lambda _amount: True,
 ) -> tuple[Lure, Fraction]:
-    """Return the agent with the first allowed amount moved that is exact, of the wishes and those next to them, and it.
+    """Return the agent with the first allowed amount moved that is exact, of those given and next to them, and it.
 
-    Where none is exact the first wish is moved, and A rounded.
+    Where none is exact the first is moved, and A rounded.
     """
-    wishes = list(wishes)
-    for wish in wishes:
-        for amount in (wish, *exact_amounts(lure, k, j, wish)):
+    amounts = list(amounts)
+    for wanted in amounts:
+        for amount in (wanted, *exact_amounts(lure, k, j, wanted)):
             if allowed(amount) and (found := shifted(lure, k, j, amount)) is not None:
                 return found, amount
-    return rounded(lure, k, j, wishes[0]), wishes[0]
+    return rounded(lure, k, j, amounts[0]), amounts[0]
 
 
-def exact_amounts(lure: Lure, k: int, j: int, wish: Fraction) -> Iterator[Fraction]:
-    """Yield amounts next to the wish that make one entry of A a double: 0.1 + 0.5 is none, 0.6 is."""
+def exact_amounts(lure: Lure, k: int, j: int, wanted: Fraction) -> Iterator[Fraction]:
+    """Yield amounts next to the one wanted that make one entry of A a double: 0.1 + 0.5 is none, 0.6 is."""
     for i, c, weight in _entries(lure, k, j):
         old = Fraction(float(lure.A[i, c]))
-        amount = (Fraction(float(old + wish * weight)) - old) / weight
+        amount = (Fraction(float(old + wanted * weight)) - old) / weight
         if _two_doubles(amount) is not None:
             yield amount
 

@@ -44,7 +44,7 @@ from lockstep.model.problem.tables.toml_text import ASKED_FOR, toml_text
 from lockstep.model.problem.weights import amplitudes, input_weight, scale_of_each, weight_matrix
 
 SEARCHED = ("certified", "modal")
-"""Methods that look for gains, and take wishes beside rho."""
+"""Methods that look for gains, and take specifications beside rho."""
 
 
 @dataclass(frozen=True, eq=False)
