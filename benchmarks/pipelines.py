@@ -3,7 +3,7 @@
     python benchmarks/pipelines.py [--count 1000] [--first 0] [--jobs 2] [--time-limit 10]
 
 Problem i is drawn from the seed i alone: random agents (linear parts, nonlinear terms, boxes, scales of time from hours to
-milliseconds), graphs, specifications and controllers; one in four has a mistake in it. It is written as a file, designed, proved
+milliseconds), graphs, specifications, controllers; one in four has a mistake in it. It is written as a file, designed, proved
 again by the checker, written as C, verified on the host (one in ten), and simulated without a disturbance and with noise.
 The outcome is one of
 
