@@ -28,7 +28,7 @@ def minimise(
     """Solve the program; None where the solver finds no solution.
 
     >>> one, zero = np.ones((1, 1)), np.zeros((1, 1))
-    >>> found = least(np.ones(1), [(-2 * one, one[None])])
+    >>> found = minimise(np.ones(1), [(-2 * one, one[None])])
     >>> round(found.value, 5), round(float(found.duals[0][0, 0]), 5)
     (2.0, 1.0)
     """
@@ -56,7 +56,7 @@ def minimise(
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return None
     solved = clarabel.DefaultSolver(csc_matrix((k, k)), cost, csc_matrix(A), b, cones, settings).solve()
-    if str(solved.status) not in ("SdpSolution", "AlmostSolved"):
+    if str(solved.status) not in ("Solved", "AlmostSolved"):
         return None
     duals, at = [], 0
     for (constant, _), unit in zip(blocks, units, strict=True):

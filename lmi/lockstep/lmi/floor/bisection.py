@@ -218,7 +218,8 @@ def _point(
 def cut_point(lower: float, upper: float, mu: float) -> float:
     """Return where to cut [lower, upper], near mu, which may be none.
 
-    >>> cut(0.0, math.inf, 2.0), cut(1.0, math.inf, 2.0), cut(0.0, 1.0, 0.05), cut(1.0, 100.0, math.nan)
+    >>> cuts = (0.0, math.inf, 2.0), (1.0, math.inf, 2.0), (0.0, 1.0, 0.05), (1.0, 100.0, math.nan)
+    >>> tuple(cut_point(*one) for one in cuts)
     (2.0, 10.0, 0.05, 10.0)
     """
     known = math.isfinite(mu) and mu > 0

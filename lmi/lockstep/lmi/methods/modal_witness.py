@@ -102,7 +102,7 @@ def fine_witness(
 def halved_segments(ends: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
     """Return the ends of segments twice as many, each cut at its geometric mean, in short decimals.
 
-    >>> halved(np.array([1.0, 4.0])).tolist()
+    >>> halved_segments(np.array([1.0, 4.0])).tolist()
     [1.0, 2.0, 4.0]
     """
     cuts = [float(f"{np.sqrt(a * b):.4g}") for a, b in pairwise(ends)]

@@ -101,7 +101,7 @@ def representative_eigenvalues(eigenvalues: Shaped[np.ndarray, " N"]) -> Complex
     Which is far is told by the logarithm. Of a pair a +- bi one is taken, of those that are one, too; the smallest of all,
     which is 0, is none.
 
-    >>> representative(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
+    >>> representative_eigenvalues(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
     [(1+0j), (2+0j)]
     """
     rising = eigenvalues[np.argsort(np.abs(eigenvalues), kind="stable")][1:]

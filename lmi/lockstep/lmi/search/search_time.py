@@ -71,7 +71,7 @@ def mean_seconds(work: Callable[[], object]) -> float:
 def one_digit(value: float) -> str:
     """Return a time in one digit, as is said.
 
-    >>> [rough(one) for one in (0.4, 7.3, 43.0, 400.0, 8000.0)]
+    >>> [one_digit(one) for one in (0.4, 7.3, 43.0, 400.0, 8000.0)]
     ['1 s', '7 s', '40 s', '7 min', '2 h']
     """
     for size, name in ((3600.0, "h"), (60.0, "min")):

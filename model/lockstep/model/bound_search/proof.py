@@ -65,7 +65,7 @@ def search_bound(
     >>> v, t = ca.SX.sym("v"), ca.SX.sym("t")
     >>> phi = read(ca.Function("phi", [v, t], [-3.33 * ca.sin(v)]))
     >>> problem = SlopeProblem.of(phi, Box.everywhere(1))
-    >>> confirmed(problem, search_bound(problem)).alpha
+    >>> confirmed_bound(problem, search_bound(problem)).alpha
     3.33
     """
     D_w, D_v = np.ones(len(problem.jacobian)), np.ones(problem.graph.inputs)

@@ -117,7 +117,7 @@ def exact_numbers(agent: Agent) -> CheckRow:
     if rounded:
         shown = ", ".join(rounded[:8]) + (", ..." if len(rounded) > 8 else "")
         said = f"rounded once, as no double holds the sum of their terms: {shown}"
-    return CheckRow("exact_numbers", "ok", said, reason)
+    return CheckRow("numbers", "ok", said, reason)
 
 
 def centring(agent: Agent) -> CheckRow:

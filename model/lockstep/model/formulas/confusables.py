@@ -32,7 +32,7 @@ _SUPERSCRIPTS = "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 def typed_instead(character: str) -> str:
     """Return what to type instead of a character that looks like it, or nothing.
 
-    >>> [keyboard_for(c) for c in "\u2212\u00d7\u00b2\uff0b\u03b8 \u00e4"]
+    >>> [typed_instead(c) for c in "\u2212\u00d7\u00b2\uff0b\u03b8 \u00e4"]
     ['-', '*', '**2', '+', 'theta', '', '']
     """
     if character.isascii():
@@ -53,7 +53,7 @@ def typed_instead(character: str) -> str:
 def advice_to_retype(text: str) -> str:
     r"""Return which characters of a text to type anew, and how; nothing where none looks like another one.
 
-    >>> advice("\u2212k*x\u00b2")
+    >>> advice_to_retype("\u2212k*x\u00b2")
     'write `-` for \\u2212 (minus sign) and `**2` for \\xb2 (superscript two)'
     """
     found = {character: typed for character in text if (typed := typed_instead(character))}
@@ -68,7 +68,7 @@ def toml_instead_of(text: str, bare: str) -> str:
         text: the file.
         bare: the line that TOML stopped in, without its texts and its comment.
 
-    >>> instead_of("period = 0,1", "period = 0,1")
+    >>> toml_instead_of("period = 0,1", "period = 0,1")
     'decimal numbers have a point: 0.5, not 0,5'
     """
     if typed := advice_to_retype(bare):

@@ -18,7 +18,7 @@ def formula_text(node: Node, names: Sequence[str]) -> str:
 
     >>> from lockstep.check.expression.node import add, multiply, scale, variable
     >>> x, y = variable(0), variable(1)
-    >>> written(add(scale(2, x), multiply(x, y)), ["x", "y"])
+    >>> formula_text(add(scale(2, x), multiply(x, y)), ["x", "y"])
     '((2*x)+(x*y))'
     """
     texts: dict[Node, str] = {}

@@ -241,7 +241,7 @@ def _reached(
 def positive_weights(m: Float[np.ndarray, " k"], pairs: int) -> PairWeights:
     """Return weights above 0; ones where there are none to be had, as for linear agents, whose multiplier is idle.
 
-    >>> usable(np.array([0.0, 2.0]), 2).tolist(), usable(np.zeros(0), 2).tolist()
+    >>> positive_weights(np.array([0.0, 2.0]), 2).tolist(), positive_weights(np.zeros(0), 2).tolist()
     ([2e-06, 2.0], [1.0, 1.0])
     """
     largest = float(m.max(initial=0.0)) if len(m) == pairs else 0.0

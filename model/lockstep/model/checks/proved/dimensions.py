@@ -231,7 +231,7 @@ def _known(powers: Powers) -> Powers:
 def text_of(powers: Powers) -> str:
     """Return a dimension as text.
 
-    >>> shown({"[length]": 1.0, "[time]": -2.0, "10": 3.0}), shown({})
+    >>> text_of({"[length]": 1.0, "[time]": -2.0, "10": 3.0}), text_of({})
     ('1000 [length] [time]^-2', 'of a pure number')
     """
     factor = [f"{10**p:.6g}" for k, p in _known(powers).items() if k == "10"]

@@ -66,7 +66,7 @@ def _sector(agent: Agent, phi: ExactPhi, k: int, lower: Ends, upper: Ends, boxes
     ends = [None if low[0] is None else -low[0], high[0]]
     shown = f"[{'-inf' if ends[0] is None else f'{ends[0]:.6g}'}, {'inf' if ends[1] is None else f'{ends[1]:.6g}'}]"
     value = {"a": ends[0], "b": ends[1], "argument": j + 1}
-    seen = {"lowest": {"ratio": -low[1], "v": low[2]}, "largest_eigenvalue": {"ratio": high[1], "v": high[2]}}
+    seen = {"lowest": {"ratio": -low[1], "v": low[2]}, "highest": {"ratio": high[1], "v": high[2]}}
     where = arguments_text(agent)
     if ends == [None, None]:
         return CheckFinding(name, "undecided", f"no end was proved ({where})", value, seen)
