@@ -173,8 +173,10 @@ def _proved_for_period(stored: Stored, effort: Effort, least: float) -> tuple[St
         raise _none_better(least)
     made = with_gains(stored, found)
     held = prove_design(made, m)
-    if not held.verdict.certified or held.rho is None:
+    if not held.verdict.certified:
         raise Infeasible(f"gains were found for the period, but not proved: {held.verdict.reason}")
+    if held.rho is None:
+        raise Infeasible("gains were found for the period, but no rho of their sampled loop was proved")
     return made, held, held.rho.rho
 
 

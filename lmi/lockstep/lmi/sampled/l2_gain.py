@@ -46,9 +46,10 @@ STEP, TRIALS = 0.5, 240
 NONE = 100.0
 """Above every log10 of a rho: what a line search sees where there is none; of an infinity it makes NaN."""
 
-LEAST, MOST = 1e-6, 1e6
+LEAST, MOST, WIDER = 1e-6, 1e6, (0, 3, 6)
 RESOLUTION = 5e-5
-"""The range in which rho is searched, and how finely its logarithm."""
+"""The range in which rho is searched, by how many decades it is widened at either end, since rho has a unit, and how finely
+its logarithm is."""
 
 SLACKS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5)
 """How far above the least rho found the proof is tried: what rounding needs depends on the gains."""
@@ -180,6 +181,9 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
     units, R = np.full(loop.n_x, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
     own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
     units[: len(own)] = own
+    if loop.network.delay and weights.W.any():  # u, held one period more, at the end of x
+        W = np.diag(weights.W)
+        units[-loop.network.d.N * len(W) :] = np.tile(np.where(W > 0, W, units[-1]), loop.network.d.N)
     return _Period(loop, lifted, m, running_cost(loop, weights, rho), units)
 
 
@@ -196,20 +200,23 @@ def least_rho(
     loop: SampledLoop,
     weights: Performance,
     m: PairWeights,
-    between: tuple[float, float] | None = None,
+    most: float | None = None,
     *,
     resolution: float = RESOLUTION,
 ) -> float | None:
-    """Bisect the least rho without rounding, in doubles; None if there is none in a range (1e-6 to 1e6 by default)."""
-    low, high = np.log10(between or (LEAST, MOST))
+    """Bisect the least rho without rounding, in doubles; None if there is none up to `most`, by default 1e12."""
 
     def holds(exponent: float) -> bool:
         period = period_of(loop, weights, m, 10**exponent)
         problem = None if period is None else period.unrounded()
         return problem is not None and problem.smallest(1.0) is not None
 
-    if not holds(high):
+    tops = (math.log10(most),) if most else tuple(math.log10(MOST) + more for more in WIDER)
+    high = next((at for at in tops if holds(at)), None)
+    if high is None:
         return None
+    ends = (min(math.log10(LEAST), high - 1) - less for less in WIDER)
+    low = next((at for at in ends if not holds(at)), math.log10(LEAST) - WIDER[-1])
     while high - low > resolution:
         middle = (low + high) / 2
         low, high = (low, middle) if holds(middle) else (middle, high)
@@ -229,8 +236,7 @@ def least_in_scales(
     than `kept` is passed over."""
     best: tuple[float, PairWeights] | None = None
     for scale in scales:
-        between = None if best is None else (LEAST, max(LEAST, kept * best[0]))
-        rho = least_rho(loop, weights, scale * m, between, resolution=resolution)
+        rho = least_rho(loop, weights, scale * m, best and kept * best[0], resolution=resolution)
         best = best if rho is None else (rho, scale * m)
     return best
 
