@@ -83,10 +83,8 @@ def with_fixed(stored: Stored) -> Stored:
     agreement = fixed_point.agreement_witness(network, mine, guess)
     if agreement is None:
         raise NotCertified("--fixed: agreement is not proved of the controllers in integers")
-    verdict, radius = (
-        decide_sampled(network, mine, [agreement]),
-        fixed_point.radius_witness(network, mine, integers),
-    )
+    verdict = decide_sampled(network, mine, [agreement])
+    radius = fixed_point.radius_witness(network, mine, integers)
     claims = FixedClaims(
         verdict.decay,
         verdict.residual_per_message_error,

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.check.design_file.fixed_point import FixedClaims
 from lockstep.check.errors import ProblemError, demand
@@ -287,12 +288,21 @@ def _counted(stored: Stored) -> str:
 
 def _weighed(stored: Stored) -> str:
     """Say what rho weighs, where that is not each state alike, nor each state of a controller, and nothing else."""
-    weights, agent, said = stored.problem.performance, stored.problem.agent(), []
-    for names, M, usual in ((agent.states, weights.R, 1.0), (agent.inputs, weights.W, 0.0)):
-        if len(M) and (usual * np.eye(len(M)) != M).any():
-            diagonal = (np.diag(np.diag(M)) == M).all()
-            said.append(_each(names, np.diag(M)) if diagonal else f"{', '.join(names)} by {M.tolist()}")
-    return f"squares by these weights: {', '.join(said)}" if said else ""
+    weights, agent = stored.problem.performance, stored.problem.agent()
+    alike = np.array_equal(weights.R, np.eye(agent.n))
+    if alike and not weights.W.any():
+        return ""
+    said = ["each state 1" if alike else _weights(agent.states, weights.R)]
+    said += [_weights(agent.inputs, weights.W)] if weights.W.any() else []
+    if stored.gains.order:
+        sizes = " ".join(f"{size:g}" for size in dict.fromkeys(np.diag(weights.Q)))
+        said.append(f"states of the controllers {sizes}")
+    return f"squares by these weights: {', '.join(said)}"
+
+
+def _weights(names: Sequence[str], M: Float[np.ndarray, "k k"]) -> str:
+    diagonal = (np.diag(np.diag(M)) == M).all()
+    return _each(names, np.diag(M)) if diagonal else f"{', '.join(names)} by {M.tolist()}"
 
 
 def _each(names: Sequence[str], sizes: Vector) -> str:

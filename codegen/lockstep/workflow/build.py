@@ -122,7 +122,7 @@ def build(
     with of_file(None if isinstance(problem, Problem) else Path(problem)), _with_notes_of(posed):
         options: dict[str, Any] = {"progress": progress, "remark": remark, "reuse": reuse, "stop": stop}
         designed = design(posed, jobs=jobs, time_limit=time_limit, **options)
-    files = generated_files(designed)
+    files = generated_files(designed, () if posed.messages is None else ("messages",))
     # What is reported is what a reader of the file sees.
     made = replace(Design.of(json.loads(files[DESIGN_NAME]), DESIGN_NAME, folder), reused=designed.reused)
     verified = _verified(files, progress)

@@ -167,6 +167,8 @@ def _meaning_of_rho(problem: Any, rho: float) -> str:
     scaled = f", each in its scale {counted}" * bool((scales != 1).any())
     weight = problem.design.weights.state
     plain = "" if weight == 1.0 else ", the square of each state times its weight of [design.weights]"
+    if problem.order:
+        plain += ", the states of the controllers counted with them (`controller` in [design.weights])"
     if problem.performance.outputs.any():
         plain += ", noise of the outputs counted in the scales of [design.disturbances]"
     if problem.design.coordinates != "orthonormal":

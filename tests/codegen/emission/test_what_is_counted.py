@@ -66,7 +66,7 @@ def test_the_scales_and_coordinates_of_disturbances_are_told(design, said):
     [
         ("{}", None),
         ("{ state = 2.0, input = 0.5 }", "x 2, u 0.5"),
-        ("{ input = 1.0 }", "u 1"),  # plain is not to weigh u at all
+        ("{ input = 1.0 }", "each state 1, u 1"),  # plain is not to weigh u at all
         ("{ state = [[3.0]] }", "x 3"),
     ],
 )

@@ -82,7 +82,7 @@ def test_where_nothing_blocks_nothing_is_named() -> None:
 
 
 def test_no_time_is_an_error_of_its_own() -> None:
-    with pytest.raises(OutOfTime, match=r"time limit of 1e-06 s.*allow more time") as error:
+    with pytest.raises(OutOfTime, match=r"time limit was over.* in 1e-06 s.*allow more time") as error:
         design(softened("gain_limit = 10.0"), jobs=1, time_limit=1e-6)
     assert error.value.figures["time_limit"] == 1e-6
 

@@ -16,6 +16,7 @@ from sampled_cases import (
     with_alpha,
 )
 
+import lockstep
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.design_file.proofs import sampled_witness_of
 from lockstep.check.numbers import as_floats
@@ -352,3 +353,31 @@ def test_a_certificate_that_rounding_alone_takes_says_so():
         assert verdict.certified is certified
     assert "without rounding there is one" in verdict.reason
     assert "gain_limit" in verdict.reason
+
+
+@pytest.mark.parametrize(("u", "xi"), [(1e5, 1.0), (1e-5, 1.0), (1.0, 1e-8), (1.0, 1e8)])
+def test_the_sampled_rho_knows_no_units(u: float, xi: float) -> None:
+    """x'' = b v - sin x, v one period late: with v in units of 1/u, or disturbances in units of 1/xi, it is the same loop,
+    whose rho is xi times as large."""
+
+    def rho(u: float, xi: float) -> float:
+        posed = lockstep.Problem.parse(f"""
+            agent.name = "unit"
+            agent.states = ["x", "v"]
+            agent.inputs = ["w"]
+            agent.dynamics = {{ x = "v", v = "{1 / u!r}*w - 0.2*sin(x) - v" }}
+            agent.outputs = {{ y = "x" }}
+            network = {{ agents = 2, topology = "path" }}
+            controller = {{ period = 0.05, delay = 1 }}
+            [design]
+            method = "given"
+            order = 0
+            weights = {{ state = 1.0, input = {0.01 / u**2!r} }}
+            disturbances = {{ states = {xi!r}, outputs = 0.0 }}
+            gains = [{{ D = [[{-u!r}]] }}, {{ D = [[{-u!r}]] }}]
+        """)
+        return lockstep.design(posed).sampled["rho"]
+
+    assert rho(u, xi) / xi == pytest.approx(rho(1.0, 1.0), rel=0.01), (
+        "SLACKS leave 0.1 % or 0.2 % to rounding"
+    )

@@ -111,6 +111,9 @@ def test_a_number_may_hold_the_factor_of_a_unit():
             r"`sin\(c\)` is a function of a quantity",
         ),
         (SPRING, {**UNITS, "k": "furlongs per banana"}, r"\[agent.units\] k: .* is no unit"),
+        # N and kN beside a number that may hold any factor, whichever stands first.
+        ({**SPRING, "v": "(-2*k*x + u - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
+        ({**SPRING, "v": "(u - 2*k*x - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
     ],
 )
 def test_units_that_do_not_fit_are_an_error_that_names_the_term(dynamics, units, told):
@@ -121,6 +124,27 @@ def test_units_that_do_not_fit_are_an_error_that_names_the_term(dynamics, units,
 def rows(dynamics, units, **kept):
     report = check_problem(problem(dynamics, units=units, **kept))
     return [row for row in report.rows if row.name.startswith("units")]
+
+
+@pytest.mark.parametrize(
+    ("v", "noted"),
+    [
+        ("(u - k*x - c*v)/m", ""),
+        ("(u - 2*k*x - 0.5*c*v)/m", ""),
+        ("1000*(u - k*x - c*v)/m", "1000 in the formulas"),
+        ("(u - k*x - c*v*1e-5)/m", "1e-05 in the formulas"),
+    ],
+)
+def test_numbers_that_look_like_factors_between_units_are_noted(v, noted):
+    """In mm and N, v' = 1000 (u - k x - c v) / m: whether the 1000 is due depends on units, which a number has none of."""
+    found = rows({**SPRING, "v": v}, UNITS, parameters={"k": 2.0, "m": 2.0, "c": 2.0})
+    assert [row.verdict for row in found] == ["note"] * bool(noted)
+    assert all(noted in row.figure and "mm/m" in row.figure for row in found)
+    assert not rows(
+        {**SPRING, "v": "f*(u - k*x - c*v)/m"},
+        {**UNITS, "x": "mm", "v": "mm/s", "y1": "mm", "k": "N/mm", "c": "N s/mm", "f": "mm/m"},
+        parameters={"k": 2.0, "m": 2.0, "c": 2.0, "f": 1000.0},
+    )
 
 
 def test_check_decides_units_before_it_looks_for_a_bound(monkeypatch):

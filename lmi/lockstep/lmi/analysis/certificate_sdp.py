@@ -175,12 +175,8 @@ def _smallest(b: "Balanced", rho: float) -> Certificate | None:
     F = _expression(b, P, w, 1.0)
     conditions = [P >> s * np.eye(n_x), F + s * np.eye(n_F) << 0, w[-1] == rho**2 * b.norms[-1], s <= 1]
     conditions += [w[:-1] >= 0] if len(b.norms) > 1 else []
-    if (
-        not solve_sdp(cp.Problem(cp.Maximize(s), conditions))
-        or s.value is None
-        or s.value <= 0
-        or P.value is None
-    ):
+    solved = solve_sdp(cp.Problem(cp.Maximize(s), conditions))
+    if not solved or s.value is None or s.value <= 0 or P.value is None:
         return None
     candidate = b.certificate(P.value, w.value, rho)
     room = ROOM * float(s.value)

@@ -344,8 +344,8 @@ def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfT
         f"the best start came to {part:.3g} of alpha = {claim.alpha:.6g}" if part else "no start had come far"
     )
     return OutOfTime(
-        f"the time limit of {time_limit:g} s was over before any gains were certified ({came}); allow more time, or ask"
-        " for less: fewer starts, a lower order, a smaller alpha or delta",
+        f"the time limit was over before any gains were certified ({came}, in {time_limit:.3g} s); allow more time, or ask"
+        " for less: fewer starts, a lower order, a smaller alpha or fragility",
         time_limit=time_limit,
         fraction=part,
         alpha=claim.alpha,

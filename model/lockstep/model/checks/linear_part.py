@@ -36,7 +36,9 @@ def spanning_tree(graph: Graph) -> CheckRow:
         groups = ", ".join(str(list(group)) for group in graph.origins[:4])
         figure = f"none: the groups {groups} hear nothing from each other"
         return CheckRow("spanning tree", "fails", figure, reason)
-    return CheckRow("spanning tree", "ok", f"{_agents(graph.roots)} can be its root", reason)
+    leads = graph.in_degrees[graph.roots[0] - 1] == 0
+    said = "hears none of the others and leads: its controller is at rest" if leads else "can be its root"
+    return CheckRow("spanning tree", "ok", f"{_agents(graph.roots)} {said}", reason)
 
 
 def row_sums(graph: Graph) -> CheckRow:

@@ -7,6 +7,7 @@ cannot show the oscillation at all (Shannon, Communication in the presence of no
 this is proved, and nothing rests on it.
 """
 
+import ast
 import math
 from collections.abc import Iterator
 
@@ -19,6 +20,7 @@ from lockstep.model.agents.state_sizes import middle, state_sizes
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
+from lockstep.model.problem.tables.schema import AgentTable
 
 LONG = 0.6
 """Rad of the fastest oscillation in a period: the long end of the rule."""
@@ -109,14 +111,34 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         if refuse:
             raise wrong from None
         yield CheckRow("units", "note", f"{wrong}; `check` and `build` refuse it", reason)
+    factors = ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent)))
+    if factors:
+        figure = (
+            f"{factors} in the formulas count as pure numbers, whatever they convert: a parameter is checked"
+        )
+        remedy = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
+        yield CheckRow("units", "note", f'{figure} (mm = 1000.0 with the unit "mm/m")', remedy)
     sizes = state_sizes(agent)
     if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
         pairs = zip(agent.states, sizes / sizes.min(), strict=True)
         shown = ", ".join(f"{name} {size:.1g}" for name, size in pairs)
         moved = f"states move by sizes far apart ({shown}): |x_d|, a radius, and a rho without weights add their squares"
         yield CheckRow(
-            "units", "note", f"{moved}; count them in units in which they are alike (mm, bar)", reason
+            "units",
+            "note",
+            f"{moved}; count them in units in which they are alike (mm, bar)",
+            "rho and radii are norms of x_d",
         )
+
+
+def _powers_of_ten(table: AgentTable) -> set[float]:
+    """Return the numbers of the dynamics that look like factors between units, where every parameter has one."""
+    if not table.parameters or not table.parameters.keys() <= table.units.keys():
+        return set()
+    trees = (ast.parse(text.strip(), mode="eval") for text in table.dynamics.values())
+    numbers = (node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    sizes = {float(one) for one in numbers if isinstance(one, int | float) and one > 0}
+    return {one for one in sizes if not 0.02 < one < 50 and f"{one:.9e}".startswith("1.000000000e")}
 
 
 def _degrees(state: str) -> ProblemError:

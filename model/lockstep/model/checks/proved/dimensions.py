@@ -194,7 +194,7 @@ def _same(a: Quantity, b: Quantity) -> Powers | None:
         return a.powers if b.powers is None else b.powers
     if _known(product_of(a.powers, b.powers, -1)):
         raise Undefined(f"made of parts of the dimensions {text_of(a.powers)} and {text_of(b.powers)}")
-    return a.powers
+    return b.powers if math.isnan(a.powers.get("10", 0.0)) else a.powers
 
 
 def _multiplied(a: Quantity, b: Quantity, *, sign: int) -> Quantity:
