@@ -187,7 +187,9 @@ def cart_text(output: str) -> str:
 def test_roots_are_named() -> None:
     report = check_problem(cart(network="[network]\nagents = 4\nedges = [[2, 1], [3, 2], [4, 1]]"))
     assert report.document()["graph"] == {"spanning_tree": True, "roots": [1]}
-    assert "agent 1 can" in row(report, "spanning tree").figure
+    assert "agent 1 hears none of the others and leads" in row(report, "spanning tree").figure
+    path = check_problem(cart(network="[network]\nagents = 2\nedges = [[2, 1], [1, 2]]"))
+    assert "each of the agents 1, 2 can be its root" in row(path, "spanning tree").figure
 
 
 @pytest.mark.parametrize(
