@@ -2,7 +2,7 @@
 
 import pytest
 
-from lockstep.model.checks.plausibility import initial_disagreement, period
+from lockstep.model.checks.plausibility import initial_disagreement, period, unstable_alone
 from lockstep.model.problem import Problem
 
 TEXT = """
@@ -50,3 +50,13 @@ def test_a_period_far_below_the_shortest_time_constant_is_seldom_meant(T, spring
     row = period(Problem.parse(f"{text}[controller]\nperiod = {T}\n"))
     assert ("1e-05 of the agent's shortest time constant, 1 s: is it in s?" in row.figure) == noted
     assert (row.verdict == "note") == noted
+
+
+@pytest.mark.parametrize(
+    ("damping", "verdicts", "asked"), [("-", [], False), ("+ 0.001*", ["note"], False), ("+", ["note"], True)]
+)
+def test_a_sign_is_doubted_where_an_agent_runs_away_within_the_run(damping, verdicts, asked):
+    """v' = u + c v grows by e^(20 c) in the 20 s of the run: by 2 % for c = 0.001, which an orbit has for no slip at all."""
+    rows = list(unstable_alone(Problem.parse(TEXT.replace("u - v", f"u {damping} v"))))
+    assert [row.verdict for row in rows] == verdicts
+    assert ["wrong sign" in row.figure for row in rows] == [asked] * len(rows)
