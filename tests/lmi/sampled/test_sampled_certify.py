@@ -355,8 +355,18 @@ def test_a_certificate_that_rounding_alone_takes_says_so():
     assert "gain_limit" in verdict.reason
 
 
-@pytest.mark.parametrize(("u", "xi"), [(1e5, 1.0), (1e-5, 1.0), (1.0, 1e-8), (1.0, 1e8)])
-def test_the_sampled_rho_knows_no_units(u: float, xi: float) -> None:
+@pytest.mark.parametrize(
+    ("weight", "u", "xi"),
+    [
+        (0.01, 1e5, 1.0),
+        (0.01, 1e-5, 1.0),
+        (0.01, 1.0, 1e-8),
+        (0.01, 1.0, 1e8),
+        (0.0, 1e5, 1.0),
+        (0.0, 1e-5, 1.0),
+    ],
+)
+def test_the_sampled_rho_knows_no_units(weight: float, u: float, xi: float) -> None:
     """x'' = b v - sin x, v one period late: with v in units of 1/u, or disturbances in units of 1/xi, it is the same loop,
     whose rho is xi times as large."""
 
@@ -372,7 +382,7 @@ def test_the_sampled_rho_knows_no_units(u: float, xi: float) -> None:
             [design]
             method = "given"
             order = 0
-            weights = {{ state = 1.0, input = {0.01 / u**2!r} }}
+            weights = {{ state = 1.0, input = {weight / u**2!r} }}
             disturbances = {{ states = {xi!r}, outputs = 0.0 }}
             gains = [{{ D = [[{-u!r}]] }}, {{ D = [[{-u!r}]] }}]
         """)

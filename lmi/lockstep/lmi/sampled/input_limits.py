@@ -290,10 +290,8 @@ class _Disturbed:
         for dear in ROUNDINGS:
             t = rounding_prices(self.loop, self.lifted, first, dear)
             P = self._largest(self._problem(self.loop, t))
-            held = (
-                None
-                if P is None
-                else confirmed_witness(self.loop, self.lifted, self._prices(t, P), self.running)
-            )
+            if P is None:
+                continue
+            held = confirmed_witness(self.loop, self.lifted, self._prices(t, P), self.running)
             if held is not None:
                 yield held

@@ -163,11 +163,9 @@ class _Period:
         problem = storage_problem(loop, self.lifted, prices, self.running + self.rest(ROOM))
         spread = ROOM * (1 - float(np.abs(np.linalg.eigvals(first.A)).max()) ** 2)
         P = None if problem is None or not 0 < spread < 1 else problem.smallest(1 - spread)
-        return (
-            None
-            if P is None
-            else confirmed_witness(loop, self.lifted, self.prices(prices.t, P), self.running)
-        )
+        if P is None:
+            return None
+        return confirmed_witness(loop, self.lifted, self.prices(prices.t, P), self.running)
 
 
 def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: float) -> _Period | None:
@@ -181,9 +179,13 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
     units, R = np.full(loop.n_x, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
     own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
     units[: len(own)] = own
-    if loop.network.delay and weights.W.any():  # u, held one period more, at the end of x
-        W = np.diag(weights.W)
-        units[-loop.network.d.N * len(W) :] = np.tile(np.where(W > 0, W, units[-1]), loop.network.d.N)
+    if (
+        loop.network.delay
+    ):  # u, held one period more, at the end of x: by what it weighs, or by how large it is where x'x = 1
+        k = len(loop.computed)
+        size = np.maximum((loop.computed[:, : loop.n_x - k] ** 2 / units[:-k]).sum(axis=1), 1e-300)
+        W = np.tile(np.diag(weights.W), loop.network.d.N) if len(weights.W) else np.zeros(k)
+        units[-k:] = np.where(W > 0, W, 1 / size)
     return _Period(loop, lifted, m, running_cost(loop, weights, rho), units)
 
 

@@ -70,11 +70,8 @@ class StepProgram:
         import cvxpy as cp
 
         problem = cp.Problem(cp.Minimize(goal), [*self.conditions, *conditions])
-        if (
-            not (run_dense(problem, NEAR) or solve_sdp(problem))
-            or self.V.value is None
-            or self.m.value is None
-        ):
+        solved = run_dense(problem, NEAR) or solve_sdp(problem)
+        if not solved or self.V.value is None or self.m.value is None:
             return None
         P, m, kappa = self.P.value, self.m.value, float(self.kappa.value) * self.unit
         found = Witness(
