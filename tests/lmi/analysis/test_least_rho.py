@@ -51,7 +51,7 @@ def test_a_certificate_at_hand_is_put_to_the_proof_where_the_solver_has_none(
     network, gains = arms(), published()
     weights = claim(network, 2, ALPHA)
     known = prove(network, gains, weights)
-    monkeypatch.setattr("lockstep.lmi.analysis.rounding.tight", lambda *_args, **_more: None)
+    monkeypatch.setattr("lockstep.lmi.analysis.rounding.tight_certificate", lambda *_args, **_more: None)
     with pytest.raises(NotCertified, match="did not survive"):
         prove(network, gains, weights)
     proved = prove(network, gains, weights, near=known)

@@ -18,12 +18,12 @@ def searched(monkeypatch, rhos, certified, *, eliminates: bool) -> list[tuple[st
     """Run a search whose start i comes to rhos[i]; return what was done to which."""
     done: list[tuple[str, int]] = []
 
-    def begin(_search, _score, _seed, index, _deadline):
+    def run_start(_search, _score, _seed, index, _deadline):
         done.append(("begun", index))
         rho = rhos[index % len(rhos)]
         return StartResult(index, -1.0, Descended(np.zeros((1, 1, 1)), np.ones(1), 0.5, rho), sampled=rho)
 
-    def go_on(_search, _score, start, _deadline):
+    def resume(_search, _score, start, _deadline):
         done.append(("further", start.index))
         return start
 
@@ -32,7 +32,7 @@ def searched(monkeypatch, rhos, certified, *, eliminates: bool) -> list[tuple[st
         here = Polished(index, published().blocks, CERTIFICATE, 1.0, 1.0, (1.0,))
         return None, here if index in certified else None
 
-    for name, instead in (("begin", begin), ("go_on", go_on), ("_pursue", pursue)):
+    for name, instead in (("run_start", run_start), ("resume", resume), ("_pursue", pursue)):
         monkeypatch.setattr(multistart, name, instead)
     monkeypatch.setattr(multistart, "eliminates_P", lambda _loop: eliminates)
     monkeypatch.setattr(multistart, "_settled", lambda _search, best, _score, _deadline: best)
