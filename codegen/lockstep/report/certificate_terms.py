@@ -36,8 +36,8 @@ def _continuous(facts: Facts) -> Iterator[DatasheetTerm]:
         "ρ",
         "none" if claims.rho is None else above(claims.rho, 6),
         EXACT,
-        "gain from the disagreement of the disturbances to the weighted disagreement of the states, continuous"
-        " controllers",
+        "gain from the disagreement of the disturbances to what is weighed: disagreement of the states, states of the"
+        " controllers, inputs; continuous controllers",
     )
     if claims.floor is not None:
         yield DatasheetTerm(
