@@ -112,7 +112,7 @@ def test_where_no_floor_is_proved_larger_gains_are_tried_too(small, made, monkey
     monkeypatch.setattr("lockstep.lmi.by_method._floor", lambda *_: None)
     found = lockstep.design(small, jobs=1, progress=lambda what, _part: told.append(what))
     assert made.document()["floor"]
-    assert any(what.startswith("attempt 2 of at most") and " (rho was " in what for what in told)
+    assert any(what.startswith("attempt 2 of at most") and ": rho was " in what for what in told)
     assert found.certified
     assert "none was proved" in proved_besides(found.document())["lower bound"]
 
