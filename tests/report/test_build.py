@@ -104,3 +104,33 @@ def test_a_build_that_finds_no_gains_says_what_is_seldom_meant(tmp_path):
     with pytest.raises(ClaimError, match=r"to be noted: .*x of agent 1 is 500, outside of \[agent.domain\]"):
         build.build(file, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_the_nodes_that_a_claim_on_messages_is_of_are_written_and_compared(quick, tmp_path):
+    """What `[network.messages]` asks for is proved of stamped differences: without the nodes the claim is of no C."""
+    (tmp_path / "cells.toml").write_text(
+        """
+        [agent]
+        name = "cell"
+        states = ["x"]
+        inputs = ["u"]
+        dynamics = { x = "u - 0.3*x + 0.2*tanh(x)" }
+        outputs = { y = "x" }
+        [network]
+        agents = 2
+        topology = "path"
+        messages = { loss = 0.1 }
+        [design]
+        method = "given"
+        order = 0
+        gains = [{ D = [[-1.0]] }, { D = [[-1.0]] }]
+        [controller]
+        period = 0.01
+        """
+    )
+    answer = json.loads((result := quick("cells.toml", "-o", "out")).stdout)
+    assert result.exit_code == 0
+    assert answer["design"]["messages"]["certified"]
+    assert (tmp_path / "out" / "messages" / "cell1_node.c").is_file()
+    ran = [target for target in answer["verify"]["targets"] if not target.get("skipped")]
+    assert {node["agent"] for target in ran for node in target["nodes"]} == {"cell1", "cell2"}

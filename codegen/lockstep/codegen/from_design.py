@@ -288,15 +288,16 @@ def _counted(stored: Stored) -> str:
 
 def _weighed(stored: Stored) -> str:
     """Say what rho weighs, where that is not each state alike, nor each state of a controller, and nothing else."""
-    weights, agent = stored.problem.performance, stored.problem.agent()
-    alike = np.array_equal(weights.R, np.eye(agent.n))
-    if alike and not weights.W.any():
+    weights, agent, said = stored.problem.performance, stored.problem.agent(), []
+    R, Q, W = weights.R, weights.Q if stored.gains.order else np.eye(1), weights.W
+    if np.array_equal(R, np.eye(agent.n)) and np.array_equal(Q, np.eye(len(Q))) and not W.any():
         return ""
-    said = ["each state 1" if alike else _weights(agent.states, weights.R)]
-    said += [_weights(agent.inputs, weights.W)] if weights.W.any() else []
+    said.append("each state 1" if np.array_equal(R, np.eye(agent.n)) else _weights(agent.states, R))
+    if W.any():
+        said.append(_weights(agent.inputs, W))
     if stored.gains.order:
-        sizes = " ".join(f"{size:g}" for size in dict.fromkeys(np.diag(weights.Q)))
-        said.append(f"states of the controllers {sizes}")
+        alike = np.array_equal(Q, Q[0, 0] * np.eye(len(Q)))
+        said.append(f"each state of a controller {f'{Q[0, 0]:g}' if alike else Q.tolist()}")
     return f"squares by these weights: {', '.join(said)}"
 
 

@@ -29,7 +29,7 @@
  *     states
  *   scope: global
  *   disturbances: noise on each output in its scale, in its unit: y1 0.003, y2 0.03
- *   weighed: squares by these weights: each state 1, u 0.002, states of the controllers 1
+ *   weighed: squares by these weights: each state 1, u 0.002, each state of a controller 1
  *   rho: 4.648
  *   rho_sampled: 4.713
  *   alpha: 3.33

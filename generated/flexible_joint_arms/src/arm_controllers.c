@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "c4aef1541a1961c1eae9a16a7136a37198709dd9ab9b7ca08fa8b2690007c5bf",
+     "e8e568d0598b1232ee72ccd2d0cbdbdd83fb3c38445d8b75e1532892fb6fc4b5",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "c4aef1541a1961c1eae9a16a7136a37198709dd9ab9b7ca08fa8b2690007c5bf",
+     "e8e568d0598b1232ee72ccd2d0cbdbdd83fb3c38445d8b75e1532892fb6fc4b5",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "c4aef1541a1961c1eae9a16a7136a37198709dd9ab9b7ca08fa8b2690007c5bf",
+     "e8e568d0598b1232ee72ccd2d0cbdbdd83fb3c38445d8b75e1532892fb6fc4b5",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

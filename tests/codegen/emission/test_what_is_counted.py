@@ -93,3 +93,15 @@ def test_integers_are_claimed_to_agree_in_the_domain_only(tmp_path):
     proved = header.partition("PROVED")[2].partition("NEIGHBOURS")[0]
     assert "every agent stays in its domain (-4 <= x <= 4)" in proved
     assert "every message arrives in time" in proved
+
+
+@pytest.mark.parametrize(
+    ("weight", "said"), [(1.0, None), (2.0, "each state 1, each state of a controller 2")]
+)
+def test_what_rho_weighs_of_controllers_is_told(weight, said):
+    """Whoever compares two rho has to know that the states of the controllers are counted, and how much."""
+    one = "{ A = [[-2.0]], B = [[0.1]], C = [[0.1]], D = [[-1.5]] }"
+    text = CELLS.format(agent="", network="", design=f"order = 1\nweights = {{ controller = {weight} }}")
+    text = text.replace("{ D = [[-1.5]] }", one)
+    found = claimed(lockstep.design(lockstep.Problem.parse(text)))
+    assert found.get("weighed") == (None if said is None else f"squares by these weights: {said}")

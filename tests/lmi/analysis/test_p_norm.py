@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lockstep.lmi.analysis.p_norm import gram, p_norm, significant, thinned
+from lockstep.lmi.analysis.p_norm import dominant, gram, p_norm, thinned
 
 
 def response(seed: int, rank: int = 6) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_frequencies_count_near_the_top_and_over_the_range():
     """With the top alone, a descent of ten arms' own gains raised what it did not see, and ended where it began."""
     frequencies = thinned(np.geomspace(0.01, 100.0, 400))
     levels = np.exp(-((np.log(frequencies) - 1.0) ** 2) * 4)
-    used = significant(frequencies, levels, 5)
+    used = dominant(frequencies, levels, 5)
     assert used[levels > 0.5 * levels.max()].all()
     assert used.sum() < 0.5 * len(frequencies)
     gaps = frequencies[used][1:] / frequencies[used][:-1]

@@ -9,7 +9,7 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, PATH_2, arms, claim, first_wishe
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.errors import Infeasible
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.gain_limit import limit_barrier, projected
+from lockstep.lmi.analysis.gain_limit import limit_barrier, limited
 from lockstep.lmi.analysis.rounding import short_gains
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
@@ -49,10 +49,10 @@ def test_the_barrier_is_of_gains_over_their_limits_and_its_slope_that_of_differe
 
 def test_gains_are_brought_within_and_rounded_within() -> None:
     K = 40 * published().blocks
-    norms = [np.linalg.norm(one / L, 2) for one in projected(K, L)]
+    norms = [np.linalg.norm(one / L, 2) for one in limited(K, L)]
     assert max(norms) == pytest.approx(1.0)
     assert max(np.linalg.norm(one / L, 2) for one in short_gains(K, L)) <= 1.0
-    np.testing.assert_array_equal(projected(K, 1e6), K)
+    np.testing.assert_array_equal(limited(K, 1e6), K)
 
 
 def test_the_excess_over_the_limit_and_its_slope() -> None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
-from lockstep.lmi.analysis.p_norm import frequencies_of, gram, p_norm, significant, thinned, threshold
+from lockstep.lmi.analysis.p_norm import dominance_level, dominant, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 
 MOST_ENTRIES, PAIR = 300, 4
@@ -190,7 +190,7 @@ class Response:
     def between(self, logs: Float[np.ndarray, " w"]) -> Float[np.ndarray, " f"]:
         """Return the frequencies with more between those near the largest eigenvalue and their neighbours."""
         levels, f = self.levels(self.rho, logs), self.frequencies
-        near = levels >= threshold(STAGES[-1][0]) * levels.max()
+        near = levels >= dominance_level(STAGES[-1][0]) * levels.max()
         ends = np.flatnonzero(near[:-1] | near[1:])
         return np.unique(np.concatenate([f, np.linspace(f[ends], f[ends + 1], BETWEEN).ravel()]))
 
@@ -242,7 +242,7 @@ def _lowered(
             break
         here = response.levels(kind, logs)
         for _ in range(len(STAGES)):
-            y = response.y[significant(response.frequencies, here, p)]
+            y = response.y[dominant(response.frequencies, here, p)]
             trial = descend(lambda at: response.value(kind, at, p, y), logs, steps, SETTLED)  # noqa: B023
             there = response.levels(kind, trial)
             if there.max() <= level:

@@ -19,7 +19,7 @@ def limit_text(limit: GainLimit) -> str:
     return f"gain_limit {limit:g}" if np.ndim(limit) == 0 else "gain_limit, in [design.gain_units],"
 
 
-def projected(K: GainBlocks, limit: GainLimit) -> GainBlocks:
+def limited(K: GainBlocks, limit: GainLimit) -> GainBlocks:
     """Return gains of which those of agents that exceed the limit are scaled down to it."""
     norms = np.linalg.norm(K / limit, 2, axis=(1, 2))
     return np.asarray(K * np.minimum(1.0, 1 / np.maximum(norms, 1e-300))[:, None, None])

@@ -47,12 +47,12 @@ def thinned(frequencies: Float[np.ndarray, " f"], apart: float = APART) -> Float
     return np.array(kept)
 
 
-def threshold(p: int) -> float:
+def dominance_level(p: int) -> float:
     """Return the part of the largest eigenvalue below which a frequency hardly counts in the p-norm."""
     return float(NEGLIGIBLE ** (1 / p))
 
 
-def significant(
+def dominant(
     frequencies: Float[np.ndarray, " f"], levels: Float[np.ndarray, " f"], p: int
 ) -> Bool[np.ndarray, " f"]:
     """Tell which frequencies count in the p-norm, by their largest eigenvalues: those near the top, and a few over the range.
@@ -60,7 +60,7 @@ def significant(
     Without the few a descent lowers the top and raises what it does not see.
     """
     few = np.isin(frequencies, thinned(frequencies, FEW_APART))
-    return np.asarray(few | (levels >= threshold(p) * levels.max()))
+    return np.asarray(few | (levels >= dominance_level(p) * levels.max()))
 
 
 def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.ndarray, "f d d"]]:

@@ -17,7 +17,7 @@ from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains, Loop
 from lockstep.lmi.analysis.certificate_sdp import MOST_OF_GIVEN, eliminates_P, least_rho, tight_certificate
 from lockstep.lmi.analysis.decimals import round_up, rounded_storage, significant
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.analysis.unit_scaling import Units, scaled
 from lockstep.lmi.shapes import GainBlocks, GainLimit
 from lockstep.model.network import Network
@@ -66,7 +66,7 @@ def short_gains(K: GainBlocks, gain_limit: GainLimit) -> GainBlocks:
 def _short_block(K: Float[np.ndarray, "k l"], limit: GainLimit) -> Float[np.ndarray, "k l"]:
     """Round one agent's gains; where rounding takes them beyond the limit, they are made smaller first."""
     for part in ROOM_FOR_ROUNDING:
-        short = significant(projected(K[None], (1 - part) * limit)[0], GAIN_DIGITS)
+        short = significant(limited(K[None], (1 - part) * limit)[0], GAIN_DIGITS)
         if np.linalg.norm(short / limit, 2) <= 1 - NORM_ERROR:
             return np.asarray(short)
     return np.zeros_like(K)

@@ -84,9 +84,8 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     S_C = 2.0 ** np.round(np.log2(np.maximum(np.diag(claim.Q), 1e-300)) / 2) if order else np.ones(0)
     state = np.concatenate([np.tile(S, loop.d.N - 1), np.tile(S_C, N)])
     a = 2.0 ** round(np.log2(claim.alpha)) if claim.alpha else 1.0
-    disturbed = np.array([d or 1.0 for d in claim.states]) if claim.states.any() else 1.0
-    counted = np.broadcast_to(claim.states > 0 if claim.states.any() else True, len(S))
-    e = float(2.0 ** np.round(np.log2(time * S * disturbed)[counted].mean()))
+    d = claim.states if claim.states.any() else np.ones(len(S))
+    e = float(2.0 ** np.round(np.log2((time * S * d)[d > 0]).mean()))
     R, Q = claim.R / np.outer(S, S), claim.Q / np.outer(S_C, S_C)
     cost = float(4.0 ** np.round(np.log2(max(np.diag(R).max(initial=0.0), np.diag(Q).max(initial=0.0))) / 2))
     new = replace(

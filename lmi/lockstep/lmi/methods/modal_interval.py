@@ -21,7 +21,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.channels import Inequality
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.gain_limit import limit_barrier, projected
+from lockstep.lmi.analysis.gain_limit import limit_barrier, limited
 from lockstep.lmi.analysis.semidefinite import Block, SdpSolution, minimise, symmetric_basis
 from lockstep.lmi.methods.modal_newton import Together
 from lockstep.lmi.quasi_newton import descend
@@ -167,7 +167,7 @@ class CommonSearch:
             value, slope = objective(gains)
             return value + BARRIER * room[0], (slope + BARRIER * room[1][0]).ravel()
 
-        return descend(of_flat, projected(K[None], 0.95 * self.gain_limit).ravel(), steps).reshape(K.shape)
+        return descend(of_flat, limited(K[None], 0.95 * self.gain_limit).ravel(), steps).reshape(K.shape)
 
     def _mean_is_stable(self, K: Gain) -> bool:
         n_C = self.modes.order

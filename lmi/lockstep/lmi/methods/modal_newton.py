@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.analysis.semidefinite import symmetric_basis
 from lockstep.lmi.methods.bilinear_barrier import Bilinear, BilinearCondition, BilinearProgram
 from lockstep.lmi.shapes import GainLimit, Vector
@@ -68,7 +68,7 @@ class Together:
         from scipy.linalg import solve_continuous_lyapunov
 
         x, at, n_C = np.zeros(self.size), self.places, self.modes.order
-        x[at["K"]] = projected(K[None], (1 - 1e-6) * self.gain_limit).ravel()
+        x[at["K"]] = limited(K[None], (1 - 1e-6) * self.gain_limit).ravel()
         x[at["P"]] = _entries(np.eye(len(self.base)))
         x[at["mu"]] = np.maximum(mu, 1e-6 * max(float(mu.max(initial=0.0)), 1e-12 * sigma))
         x[at["sigma"]] = sigma

@@ -179,9 +179,8 @@ def period_of(loop: SampledLoop, weights: Performance, m: PairWeights, rho: floa
     units, R = np.full(loop.n_x, np.linalg.norm(weights.R, 2)), np.diag(weights.R)
     own = np.tile(np.where(R > 0, R, units[0]), loop.network.d.N - 1)
     units[: len(own)] = own
-    if (
-        loop.network.delay
-    ):  # u, held one period more, at the end of x: by what it weighs, or by how large it is where x'x = 1
+    if loop.network.delay:
+        # The last of x are the inputs, held one period more: by what they weigh, or by how large they are where x is one.
         k = len(loop.computed)
         size = np.maximum((loop.computed[:, : loop.n_x - k] ** 2 / units[:-k]).sum(axis=1), 1e-300)
         W = np.tile(np.diag(weights.W), loop.network.d.N) if len(weights.W) else np.zeros(k)
@@ -238,7 +237,8 @@ def least_in_scales(
     than `kept` is passed over."""
     best: tuple[float, PairWeights] | None = None
     for scale in scales:
-        rho = least_rho(loop, weights, scale * m, best and kept * best[0], resolution=resolution)
+        most = None if best is None else kept * best[0]
+        rho = least_rho(loop, weights, scale * m, most, resolution=resolution)
         best = best if rho is None else (rho, scale * m)
     return best
 

@@ -26,7 +26,7 @@ from jaxtyping import Float, Int
 
 from lockstep.check.continuous.inequality import Certificate, Claim, gain_errors
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.search.logdet import BalancedF
 from lockstep.lmi.search.stopping import NEVER, Deadline
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Vector
@@ -149,7 +149,7 @@ class InteriorProgram:
 
     def _inside(self, F: BalancedF, start: BarrierPoint, aim: Aim) -> Vector | None:
         """Return x with F < 0 near the start."""
-        K = projected(start.K, (1 - 1e-6) * self.gain_limit)
+        K = limited(start.K, (1 - 1e-6) * self.gain_limit)
         f_a = start.alpha_fraction if self.loop.plant.G.shape[1] else 1.0
         x = F.pack(K, start.certificate, f_a, start.delta_fraction if self.ways else 1.0)
         if aim == "alpha":

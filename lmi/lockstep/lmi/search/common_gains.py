@@ -15,7 +15,7 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.modes import Modes
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Loop, build_loop
-from lockstep.lmi.analysis.gain_limit import limit_in_units, projected
+from lockstep.lmi.analysis.gain_limit import limit_in_units, limited
 from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.search.smoothed_norm import Descended, SmoothedNorm, norm_descent, refined_to_maximum
@@ -67,7 +67,7 @@ class ModalSearch:
         ends, L = self.ends, self.gain_limit
         size = generator.choice([0.5, 1.0, 2.0]) / np.abs(ends[0] * ends[-1]) ** 0.25
         drawn = L / limit_in_units(L) * size * generator.standard_normal(self.norm.shape[1:])
-        K = projected(stabilised(self, drawn)[None], 0.9 * L)[0]
+        K = limited(stabilised(self, drawn)[None], 0.9 * L)[0]
         return None if _worst(_ways(self), K)[0] >= 0 else K
 
     def down(self, K: Float[np.ndarray, "a b"], *, far: bool = True) -> Descended:

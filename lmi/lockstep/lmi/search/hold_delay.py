@@ -16,7 +16,7 @@ import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop, Plant, build_loop
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.search.random_start import INSIDE, STABLE, GainSearch, Score, StartResult, scored
 from lockstep.lmi.search.smoothed_norm import SmoothedNorm, norm_descent, refined_to_maximum
 from lockstep.lmi.search.stabilise import abscissa, stabilise
@@ -84,7 +84,7 @@ def for_delay(
         norm = delayed_norm(search, more)
         if abscissa(norm.loop, K, **own_rate)[0] >= 0:
             K = stabilise(norm.loop, K, STABLE * limit, units=search.units.gains, **own_rate)[0]
-            K = projected(K, INSIDE * limit)
+            K = limited(K, INSIDE * limit)
         if abscissa(norm.loop, K, **own_rate)[0] >= 0:
             break
         made = norm_descent(norm, K)

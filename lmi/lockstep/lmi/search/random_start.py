@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.unit_scaling import Units, scaled
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
@@ -241,8 +241,8 @@ def stable_gains(search: GainSearch, seed: int, index: int) -> tuple[GainBlocks,
         drawn = generator.choice(SIZES) * generator.standard_normal(shape)
         if index % 2:
             drawn[:] = drawn[0]
-        first = projected(drawn * units, DRAWN * limit)
-        K = projected(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
+        first = limited(drawn * units, DRAWN * limit)
+        K = limited(stabilise(search.loop, first, STABLE * limit, **own)[0], INSIDE * limit)
         abscissa = search.abscissa(K)
         best = min(best, (K, abscissa), key=lambda found: found[1])
         if abscissa < 0:

@@ -33,7 +33,7 @@ from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P
 from lockstep.lmi.analysis.frequency_multipliers import Form
 from lockstep.lmi.analysis.gain_limit import limit_barrier
-from lockstep.lmi.analysis.p_norm import frequencies_of, gram, p_norm, significant, thinned
+from lockstep.lmi.analysis.p_norm import dominant, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.response import Poles
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers, Vector
@@ -350,7 +350,7 @@ def _stage(norm: SmoothedNorm, x: Vector, rho_0: float | None, p: int, steps: in
     levels = norm.levels(x, rho_0, frequencies)
     before, settled = float(levels.max()), SETTLED_OF_LARGE if norm.thins else SETTLED
     for turn in range(RETRIES):
-        used = frequencies[significant(frequencies, levels, p)] if norm.thins and not turn else frequencies
+        used = frequencies[dominant(frequencies, levels, p)] if norm.thins and not turn else frequencies
         trial = descend(lambda at: norm.value(at, rho_0, p, used), x, steps, settled)  # noqa: B023
         seen = np.union1d(frequencies, norm.frequencies(trial))
         there = norm.levels(trial, rho_0, seen)

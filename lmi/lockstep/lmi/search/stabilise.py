@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
 from lockstep.check.system.loop import Loop
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Vector
 
@@ -126,6 +126,6 @@ def stabilise_mode(mode: OutputFeedback, limit: GainLimit, *, seed: int, starts:
     for index in range(starts):
         first = np.random.default_rng([seed, index]).standard_normal(shape)
         first *= 0.5 * limit / max(float(np.linalg.norm(first[0], 2)), 1e-300)
-        K = projected(descend(objective, first.ravel(), 100).reshape(shape), limit)
+        K = limited(descend(objective, first.ravel(), 100).reshape(shape), limit)
         least = min(least, real_part(A_0 + U @ K[0] @ Y, [U], [Y])[0])
     return least

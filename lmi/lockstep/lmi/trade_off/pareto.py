@@ -21,7 +21,7 @@ from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.document import Stored
 from lockstep.lmi.guarantees import fastest_decay
@@ -208,7 +208,7 @@ def _walked(
 
 
 def _moved(problem: Problem, network: Network, K: GainBlocks, step: _Step) -> GainBlocks | None:
-    K = projected(K, INSIDE * step.gain_limit)
+    K = limited(K, INSIDE * step.gain_limit)
     rate = _rate(problem, K)
     search = GainSearch.of(
         network.decaying(step.decay).loop(problem.order), step.claim, step.gain_limit, rate=rate

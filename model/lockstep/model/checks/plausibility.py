@@ -112,13 +112,10 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         if refuse:
             raise wrong from None
         yield CheckRow("units", "note", f"{wrong}; `check` and `build` refuse it", reason)
-    factors = ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent)))
-    if factors:
-        figure = (
-            f"{factors} in the formulas count as pure numbers, whatever they convert: a parameter is checked"
-        )
-        remedy = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
-        yield CheckRow("units", "note", f'{figure} (mm = 1000.0 with the unit "mm/m")', remedy)
+    if factors := ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent))):
+        figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"
+        hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
+        yield CheckRow("units", "note", f'{figure} (mm = 1000.0, in "mm/m")', hides)
     sizes = state_sizes(agent)
     if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
         pairs = zip(agent.states, sizes / sizes.min(), strict=True)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.links import Messages, MessageWitness
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.sampled.messages.descent import AgedObjective
 from lockstep.lmi.sampled.messages.witnesses import certify_messages
 from lockstep.lmi.sampled.synthesis.descent import Descent, DescentPoint, Stage
@@ -92,7 +92,7 @@ def gains_for_messages(
         stages = STAGES[1:]
         if part >= 1:
             m = np.exp(point.logs[: len(objective.pairs)]) if objective.has_phi else known
-            yield StartingGains(projected(point.K, (1 - ROOM) * at.gain_limit), m, start.rho)
+            yield StartingGains(limited(point.K, (1 - ROOM) * at.gain_limit), m, start.rho)
 
 
 def _of_less(

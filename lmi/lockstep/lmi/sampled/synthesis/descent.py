@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex
 
-from lockstep.lmi.analysis.gain_limit import limit_barrier, projected
+from lockstep.lmi.analysis.gain_limit import limit_barrier, limited
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.sampled.l2_gain import MULTIPLES
 from lockstep.lmi.sampled.synthesis.power_means import SampledObjective, ValueAndSlopes
@@ -95,7 +95,7 @@ class Descent:
 
     def stages(self, point: DescentPoint) -> Iterator[DescentPoint]:
         """Yield the point after each stage; nothing where the start is not brought back."""
-        within_limit = projected(point.K, FIRST * self.limit)
+        within_limit = limited(point.K, FIRST * self.limit)
         found = self._recovered(DescentPoint(within_limit, point.logs, point.logs_c))
         if found is None:
             return

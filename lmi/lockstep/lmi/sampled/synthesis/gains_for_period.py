@@ -18,7 +18,7 @@ from jaxtyping import Float
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import PRECISIONS, HeldController, SampledNetwork
 from lockstep.check.sampled.sector import Sector
-from lockstep.lmi.analysis.gain_limit import projected
+from lockstep.lmi.analysis.gain_limit import limited
 from lockstep.lmi.analysis.unit_scaling import Units, plant_in_units
 from lockstep.lmi.sampled.l2_gain import MULTIPLES, least_in_scales
 from lockstep.lmi.sampled.synthesis.descent import STAGES, Descent, DescentPoint
@@ -229,7 +229,7 @@ def _reached(
     for number, last in enumerate(stages, start=1):
         tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
-        K = projected(last.K, (1 - ROOM) * at.gain_limit)
+        K = limited(last.K, (1 - ROOM) * at.gain_limit)
         found = sampled_rho_of(at, K, m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found

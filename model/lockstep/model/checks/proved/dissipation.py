@@ -59,7 +59,7 @@ def contraction(field: Field, *, metric: Rational | None = None, boxes: int = BO
                 P = None if found is None else rounded(found[0], [], None)
             if P is None:
                 break
-            verdict = is_dissipative(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
+            verdict = decide_storage(field, P, None, shown := Fraction(float(f"{rate:.4g}")), share // 2)
             if verdict.proved:
                 value = {"rate": float(shown), "P": _floats(P)}
                 return CheckFinding(
@@ -110,7 +110,7 @@ def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rationa
         P = None if found is None else rounded(found[0], field.B, _target(field, supply))
         if P is None:
             return None
-        verdict = is_dissipative(field, P, supply, Fraction(0), boxes // 2)
+        verdict = decide_storage(field, P, supply, Fraction(0), boxes // 2)
         if verdict.proved:
             return P
         if "point" not in verdict.figures:
@@ -137,7 +137,7 @@ def incremental_gain(field: Field, *, boxes: int = BOXES) -> CheckFinding:
     return CheckFinding(name, "undecided", "no strict storage function was proved on the domain")
 
 
-def is_dissipative(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:
+def decide_storage(field: Field, P: Rational, supply: Supply | None, rate: Fraction, boxes: int) -> Verdict:
     """Decide the matrix inequality of `storage` strictly, for every J of the domain, with P > 0.
 
     With R = 0 the off-diagonal block P B - C'S has to vanish, exactly.

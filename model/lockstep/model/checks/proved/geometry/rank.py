@@ -43,7 +43,7 @@ def controllability_rank(field: Field, point: Point) -> CheckFinding:
 def observability_rank(field: Field, point: Point) -> CheckFinding:
     """Decide local observability at a point, u = 0."""
     words = ("neither f nor y sees a direction of the states", "never_seen", "derivatives")
-    return _decided(field, point, "observability", observable(field), words, _derivatives)
+    return _decided(field, point, "observability", observed(field), words, _derivatives)
 
 
 def _decided(
@@ -110,7 +110,7 @@ def reachable(field: Field) -> tuple[int, list[float]]:
     return _closure([list(g) for g in zip(*field.B, strict=True)], A, terms)
 
 
-def observable(field: Field) -> tuple[int, list[float]]:
+def observed(field: Field) -> tuple[int, list[float]]:
     """Return the dimension of the least space of linear forms that holds C and that f keeps, and a direction none sees."""
     A, terms = _terms(field)
     return _closure(field.C, [list(column) for column in zip(*A, strict=True)], [(b, a) for a, b in terms])
