@@ -58,7 +58,7 @@ def unclipped(generated, tmp_path_factory):
     """The committed design without limits of its inputs, and without what is claimed of them."""
     content = json.loads((generated / "design.json").read_text())
     content["problem"]["agent"]["limits"] = None
-    for key in ("radius", "limits_gain", "clipped_radius"):
+    for key in ("radius", "limits_gain", "clipped_radius", "half_axes", "clipped_half_axes"):
         content["claims"]["sampled"][key] = None
     for key in ("radius", "limits_gain", "clipped"):
         content["proofs"][key] = None

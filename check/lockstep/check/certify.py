@@ -14,7 +14,7 @@
 The first claim that fails ends the list: what follows rests on it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,11 @@ from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.files import text_inside
 from lockstep.check.fixed_point import decide_fixed
 from lockstep.check.json_text import A_DESIGN, load_json, parse_json
+from lockstep.check.limits import decide_limits
 from lockstep.check.messages import decide_messages
 from lockstep.check.requirements import shortfalls
 from lockstep.check.sampled.certificate import SampledVerdict
 from lockstep.check.sampled.controller import HeldController
-from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
-from lockstep.check.sampled.inputs.saturation import proves_clipped_radius
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled.modes import SampledModalWitness, proves_modal_rho
@@ -196,7 +195,7 @@ def _sampled(stored: CheckedFile, network: ExactNetwork, folder: Path | None) ->
         yield "sampled_rho", _rho(stored, network, held)
     if claims.max_period is not None and not (claims.certified and claims.max_period == problem.period):
         yield "max_period", _longest(stored, network, claims.max_period)
-    yield from _limits(stored, network, held)
+    yield from decide_limits(stored, network, held)
     if stored.claims.fixed is not None:
         yield from decide_fixed(stored, network, held, folder)
     asked, claimed = problem.messages, stored.claims.messages
@@ -229,33 +228,6 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
         at = sampled_network(stored, network, period)
         holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, rho, witness)
     return Verdict.of(said, holds)
-
-
-def _limits(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController, ...]) -> Verdicts:
-    """Yield what is proved of the inputs' limits, as far as it is claimed."""
-    claims, proofs, limits = stored.claims.sampled, stored.proofs, stored.problem.limits
-    if claims.radius is claims.limits_gain is claims.clipped_radius is None:
-        return
-    if not np.isfinite(limits).any():
-        yield "limits", Verdict("undecided", "something is claimed of limits, but [agent.limits] names none")
-        return
-    at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
-    plain, noisy = sampled_loop(at, held), sampled_loop(at, held, weights.outputs)
-    timely = "every message in time, " + "all agents in their domain, " * (stored.claims.scope != "global")
-    start, calm = "from |x_d(0)| <= {:g}, controllers at rest", "no input meets its limit"
-    energy = "under a disturbance of at most {:g} in L2, counted as [design] does, from agreement at rest"
-    agree = "the loop converges with its inputs clipped"
-    rows: tuple[tuple[str, float | None, Any, str, str, Callable[[Any, float], bool]], ...] = (
-        ("limits", claims.radius, proofs.radius, start, calm, lambda w, r: proves_radius(plain, w, limits, r)),
-        ("limits_gain", claims.limits_gain, proofs.limits_gain, energy, calm,
-         lambda w, gain: proves_gain(noisy, w, limits, weights, gain)),
-        ("clipped", claims.clipped_radius, proofs.clipped, start, agree,
-         lambda w, r: proves_clipped_radius(plain, w, limits, r)),
-    )  # fmt: skip
-    for name, claimed, witness, case, result, prove in rows:
-        if claimed is not None:
-            holds = None if witness is None else prove(witness, claimed)
-            yield name, Verdict.of(f"{case.format(claimed)}, {timely}{result}", holds)
 
 
 def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:

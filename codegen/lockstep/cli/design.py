@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
-from lockstep.model.agents.arguments import units_text
+from lockstep.model.agents.arguments import axes_text, units_text
 from lockstep.model.problem.tables.toml_text import value_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
@@ -106,8 +106,7 @@ def proved_besides(
     stable = "yes, each by itself" * bool(content.get("controllers_stable") and C)
     sought = content.get("method") == "certified" and not content["figures"].get("interrupted")
     limits = content.get("limits") or {}
-    radius, clipped, start = (limits.get(key) for key in ("radius", "clipped_radius", "start"))
-    clips = "inputs may be clipped" if clipped else f"inputs may be clipped, and then {NOTHING}"
+    clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]
@@ -116,21 +115,25 @@ def proved_besides(
         "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
         "decay": ("convergence", decay and CONVERGES.format(decay)),
         "controllers_stable": ("controllers stable", stable),
-        "limits": ("no saturation", radius and f"from {_within(radius, start, clips, C)}"),
-        "clipped": ("with saturation", clipped and f"agreement from {_within(clipped, start, NOTHING, C)}"),
+        "limits": ("no saturation", _within("from", limits, "", clips, C)),
+        "clipped": ("with saturation", _within("agreement from", limits, "clipped_", NOTHING, C)),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
-def _within(radius: float, start: float | None, beyond: str, states: bool) -> str:
-    """Set a distance from agreement, which mixes the units of the states, beside the one that the file starts from.
+def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, states: bool) -> str:
+    """Set a distance from agreement, and an ellipsoid in the units of the states, beside the start in the file.
 
-    >>> _within(1.0, 4.0, "unknown", states=True)
-    '|x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
+    >>> _within("from", {"radius": 1.0, "start": 4.0, "times_start": 0.25}, "", "unknown", states=True)
+    'from |x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
     """
-    times = f", {radius / start:.3g} times the start in the file" if start else ""
-    outside = f" (from there {beyond})" if start and radius < start else ""
-    return f"|x_d(0)| <= {radius:.6g}{times}{outside}{', controllers at rest' * states}"
+    if (radius := limits.get(f"{of}radius")) is None:
+        return ""
+    axes, times = limits.get(f"{of}half_axes"), limits.get(f"{of}times_start")
+    more = f" and from {axes_text(axes.items())}" if axes else ""
+    start = f", {times:g} times the start in the file" if times else ""
+    outside = f" (from there {beyond})" if times and times < 1 else ""
+    return f"{said} |x_d(0)| <= {radius:.6g}{more}{start}{outside}{', controllers at rest' * states}"
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:

@@ -22,6 +22,7 @@ from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
+from lockstep.model.agents.arguments import axes_text
 
 NAMED = "_controllers"
 """What the name of a folder ends with, which is that of its umbrella header: `lockstep-check` reads no other."""
@@ -258,14 +259,19 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     timely += ", while every agent stays in its domain" if stored.claims.scope != "global" else ""
     rest = f"controllers at rest, no disturbance{timely}"
     found: dict[str, str | None] = {"limits": None}
+
+    def start(radius: float, axes: Sequence[float] | None) -> str:
+        more = f", or of {axes_text(zip(agent.states, axes, strict=True), agent.units)}" if axes else ""
+        return f"from a disagreement of at most {radius:g}{more}"
+
     if claims.radius is not None:
-        found["limits"] = f"{sides} for ever from a disagreement of at most {claims.radius:g}, {rest}"
+        found["limits"] = f"{sides} for ever {start(claims.radius, claims.half_axes)}, {rest}"
     if claims.limits_gain is not None:
         counted = " as it is counted (`disturbances`)" if _counted(stored) else ""
         pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2{counted}"
         found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}{timely}"
     if claims.clipped_radius is not None:
-        reach = f"from a disagreement of at most {claims.clipped_radius:g}"
+        reach = start(claims.clipped_radius, claims.clipped_half_axes)
         found["clipped"] = f"{reach} all come to agree with u clipped, {rest}"
     return found
 

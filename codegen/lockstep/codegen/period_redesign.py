@@ -15,6 +15,7 @@ import numpy as np
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.check.system.loop import Gains
+from lockstep.codegen.limit_claims import with_limits
 from lockstep.codegen.message_redesign import for_messages, lacks_messages
 from lockstep.codegen.other_gains import obstacle, with_figures, with_gains
 from lockstep.codegen.sampled_design import (
@@ -25,7 +26,6 @@ from lockstep.codegen.sampled_design import (
     pair_weights,
     prove_design,
     sampled_network,
-    with_limits,
     with_sampled,
 )
 from lockstep.lmi.design_verdict import certify

@@ -18,8 +18,6 @@ from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.errors import BoundNotProved, ProblemError
 from lockstep.check.sampled.certificate import decide_sampled
 from lockstep.check.sampled.inequality import Witness
-from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
-from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled_claims import sector
@@ -36,9 +34,7 @@ from lockstep.lmi.sampled import (
     max_period,
     sampled_rho,
 )
-from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
-from lockstep.lmi.sampled.saturation import largest_clipped_radius
 from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.plain_json import to_json
@@ -130,39 +126,6 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     return replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
 
 
-MOST_STATES = 100
-"""Of a sampled loop that is assembled for what is proved of limits, which is not proved mode by mode."""
-
-NOTHING = None, None
-
-
-def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
-    """Return a design file with what is proved of its inputs' limits, where there are any: it takes its time, so at last.
-
-    radius of disagreements from which no input meets its limit;  gain, the root of the energy of a disturbance under which
-    none does;  clipped, radius of disagreements from which the clipped loop comes to agree.
-
-    Args:
-        made: with what is proved of its sampled controllers.
-        stated: a file of the same gains, whose witnesses are tried first.
-    """
-    problem, witness, known = made.problem, made.proofs.sampled, _known_rho(made)
-    if not made.claims.sampled.certified or not np.isfinite(problem.limits).any():
-        return made
-    states = problem.sizes.N * (problem.sizes.n + problem.sizes.n_C)
-    if known is None and splits(made) and (problem.spectrum is not None or states > MOST_STATES):
-        return made
-    network = sampled_network(made)
-    given = stated or made, network, sampled_controllers(made, problem.controller.period)
-    radius = _radius(*given, witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs())))
-    gain = None if known is None else _gain(*given, known)
-    (reach, of_reach), (root, of_root) = radius or NOTHING, gain or NOTHING
-    clipped, of_clipped = _clipped(*given, radius) or NOTHING
-    sampled = replace(made.claims.sampled, radius=reach, limits_gain=root, clipped_radius=clipped)
-    proofs = replace(made.proofs, radius=of_reach, limits_gain=of_root, clipped=of_clipped)
-    return replace(made, claims=replace(made.claims, sampled=sampled), proofs=proofs)
-
-
 def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
     """Return the network and the controllers of a design, and what is proved of them where all messages arrive.
 
@@ -175,44 +138,6 @@ def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldControlle
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
     asked, guess = stored.problem.design.decay or 0.0, _guess(stored)
     return network, controllers, certify_sampled(network, controllers, guess, witness=known, rate=asked)
-
-
-def _radius(
-    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], guess: PairWeights
-) -> tuple[float, Witness] | None:
-    """Return the radius that a design file states if its witness proves it, or a large one that is found and proved."""
-    limits, stated, witness = stored.problem.limits, stored.claims.sampled.radius, stored.proofs.radius
-    loop = sampled_loop(network, controllers)
-    if stated and witness and proves_radius(loop, witness, limits, stated):
-        return stated, witness
-    return largest_radius(network, controllers, limits, guess)
-
-
-def _gain(
-    stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...], rho: SampledRho
-) -> tuple[float, Witness] | None:
-    """Return the root of the energy that a design file states if its witness proves it, or a large one found and proved."""
-    limits, weights = stored.problem.limits, stored.problem.performance
-    stated, witness = stored.claims.sampled.limits_gain, stored.proofs.limits_gain
-    loop = sampled_loop(network, controllers, weights.outputs)
-    if stated and witness and proves_gain(loop, witness, limits, weights, stated):
-        return stated, witness
-    return largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
-
-
-def _clipped(
-    stored: Stored,
-    network: SampledNetwork,
-    controllers: tuple[HeldController, ...],
-    radius: tuple[float, Witness] | None,
-) -> tuple[float, ClippedWitness] | None:
-    """Return the radius of the clipped loop that a file states if its witness proves it, or a large one found and proved."""
-    limits, stated = stored.problem.limits, stored.claims.sampled.clipped_radius
-    witness = stored.proofs.clipped
-    loop = sampled_loop(network, controllers)
-    if stated and witness and proves_clipped_radius(loop, witness, limits, stated):
-        return stated, witness
-    return largest_clipped_radius(network, controllers, limits, radius)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
@@ -286,13 +211,14 @@ def sampled_network(stored: Stored) -> SampledNetwork:
 def _stated_rho(
     stored: Stored, network: SampledNetwork, controllers: tuple[HeldController, ...]
 ) -> SampledRho | None:
-    known = _known_rho(stored)
+    known = known_rho(stored)
     weights = stored.problem.performance
     holds = known and proves_rho(sampled_loop(network, controllers, weights.outputs), weights, *known)
     return known if holds else None
 
 
-def _known_rho(stored: Stored) -> SampledRho | None:
+def known_rho(stored: Stored) -> SampledRho | None:
+    """Return the disturbance gain that a file states of the sampled loop, with its witness; None without them."""
     rho, witness = stored.claims.sampled.rho, stored.proofs.sampled_rho
     return SampledRho(rho, witness) if rho is not None and isinstance(witness, Witness) else None
 
@@ -320,7 +246,7 @@ def pair_weights(stored: Stored) -> PairWeights | None:
 
 def _guess(stored: Stored) -> PairWeights | None:
     """Return pair weights to start from: those that proved rho of the sampled loop, else the continuous ones."""
-    known = _known_rho(stored)
+    known = known_rho(stored)
     if known is not None and len(known.witness.m) == stored.gains.N * (stored.gains.N - 1) // 2:
         return known.witness.m
     return pair_weights(stored)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled.half_axes import multiple
 from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
@@ -52,35 +53,37 @@ class Facts:
         if run is None:
             return (f"the report shows no run: {self.no_run}",) if self.no_run else ()
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
-        distances, without, clipped = run.disagreement(), claims.sampled.radius, claims.sampled.clipped_radius
-        start, end, inside = float(distances[0]), float(distances[-1]), claims.initial_set
+        distances, inside, sampled = run.disagreement(), claims.initial_set, claims.sampled
+        start, end, away = float(distances[0]), float(distances[-1]), run.errors()[0]
+        without = multiple(sampled.radius, sampled.half_axes, away)
+        clipped = multiple(sampled.clipped_radius, sampled.clipped_half_axes, away)
         said = (
             (left, f"{left}; the certificate is for agents inside"),
             (
                 run.clipped,
                 f"{run.clipped} controller steps met a limit of an input, and rho is proved without saturation",
             ),
-            (run.clipped, self._saturated_from(start, without, clipped)),
+            (run.clipped, self._saturated_from(without, clipped)),
             (
-                run.clipped and end > max(start / 2, without or 0.0, clipped or 0.0),
+                run.clipped and end > start * max(0.5, without, clipped),
                 f"|x_d| = {end:.3g} at its end, where nothing is proved: it may settle with a longer `horizon`, or never",
             ),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
-                inside is not None and start > inside.radius,
-                f"|x_d(0)| = {start:.3g}; that agents stay in their domain is proved from"
-                f" |x_d(0)| <= {below(inside.radius) if inside else ''}",
+                inside is not None and multiple(inside.radius, inside.half_axes, away) < 1,
+                "that agents stay in their domain is proved from"
+                f" {below(multiple(inside.radius, inside.half_axes, away), 3) if inside else ''} times this start only",
             ),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
 
-    def _saturated_from(self, start: float, without: float | None, clipped: float | None) -> str:
-        """Say from where inputs do not saturate, beside where a run starts, and what makes that more."""
+    def _saturated_from(self, without: float, clipped: float) -> str:
+        """Say from how many times the start of a run inputs do not saturate, and agents agree, and what makes that more."""
         slower = ", a lower `decay`" * bool(self.problem.design.decay)
         static = ", `order = 0`" * bool(self.problem.order)
         return (
-            f"|x_d(0)| = {start:.3g}; no saturation is proved {f'from |x_d(0)| <= {below(without)}' if without else 'at all'}"
-            f"{f', agreement with saturation from |x_d(0)| <= {below(clipped)}' if clipped else ''}: smaller gains enlarge"
+            f"no saturation is proved {f'from {below(without, 3)} times this start' if without else 'at all'}"
+            f"{f', agreement with saturation from {below(clipped, 3)} times it' if clipped else ''}: smaller gains enlarge"
             f" that (a `gain_limit` below {self.problem.design.gain_limit:g}{slower}{static})"
         )
 

@@ -163,7 +163,8 @@ def _initial_set(design: Design) -> dict[str, Any]:
     claimed = design.stored.claims.initial_set
     if claimed is None:
         return Unavailable(UNCLAIMED).document()
-    named = InitialStates(**vars(claimed) | {"arguments": arguments_text(design.problem.agent())})
+    agent = design.problem.agent()
+    named = InitialStates(**vars(claimed) | {"arguments": arguments_text(agent), "states": agent.states})
     return named.document()
 
 
@@ -181,8 +182,10 @@ def _sampled(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
         named = (
             ("rho", "sampled_rho"),
             ("radius", "limits"),
+            ("half_axes", "limits"),
             ("limits_gain",) * 2,
             ("clipped_radius", "clipped"),
+            ("clipped_half_axes", "clipped"),
         )
         lost: dict[str, Any] = {key: None for key, name in named if not verdict.proves(name)}
         shown = replace(claims, certified=True, max_period=longest or table.period, **lost)

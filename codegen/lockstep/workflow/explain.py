@@ -14,6 +14,7 @@ import numpy as np
 
 from lockstep.lmi.analysis.decimals import above, below
 from lockstep.lmi.initial_set import sampled_rate
+from lockstep.model.agents.arguments import axes_text
 from lockstep.model.checks.plausibility import unstable_alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design_file import Design
@@ -242,11 +243,13 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
     if radius is not None:
         limits = ", ".join(f"|{name}| <= {limit:g}" for name, limit in _limits(found.design))
         inside = ", while every agent stays in its domain" if found.verdict.scope == "local" else ""
+        agent, a = found.design.problem.agent(), sampled.get("half_axes")
+        axes = f", or of {axes_text(zip(agent.states, a, strict=True), agent.units)}" if a else ""
         yield Statement(
             "no saturation",
             f"{radius:.4g}",
-            f"From a disagreement of at most this ({_units(found.design)}), controllers at rest, nothing disturbing and every"
-            f" message in time{inside}, no actuator ever meets its limit: {limits}.",
+            f"From a disagreement of at most this ({_units(found.design)}){axes}, controllers at rest, nothing disturbing"
+            f" and every message in time{inside}, no actuator ever meets its limit: {limits}.",
         )
 
 

@@ -114,8 +114,9 @@ def generated_files(
     from lockstep.codegen.exports import with_exports
     from lockstep.codegen.fixed_point import with_fixed, without_fixed
     from lockstep.codegen.from_design import BY_DEFAULT, specification
+    from lockstep.codegen.limit_claims import with_limits
     from lockstep.codegen.message_redesign import lacks_messages
-    from lockstep.codegen.sampled_design import certify_files, prove_design, with_limits, with_sampled
+    from lockstep.codegen.sampled_design import certify_files, prove_design, with_sampled
     from lockstep.lmi.design_verdict import certify
     from lockstep.lmi.document import messages_answer, with_bound_proof
 

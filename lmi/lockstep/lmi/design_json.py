@@ -17,7 +17,7 @@ from lockstep.check.sampled.modes import SampledModalWitness
 from lockstep.check.system.loop import Gains
 from lockstep.model.plain_json import plain
 
-LATER = ("limits_gain", "clipped_radius")
+LATER = ("limits_gain", "clipped_radius", "half_axes", "clipped_half_axes")
 """Claims of the sampled controllers that files from before do not have."""
 
 
@@ -86,7 +86,9 @@ def message_claims_document(claims: MessageClaims) -> dict[str, Any]:
 
 def initial_set_document(claimed: InitialSet) -> dict[str, Any]:
     """Return what is claimed of initial states; a side without a limit is None."""
-    figures = {"level": claimed.level, "radius": claimed.radius, "energy": claimed.energy}
+    figures: dict[str, Any] = {"level": claimed.level, "radius": claimed.radius, "energy": claimed.energy}
+    if claimed.half_axes is not None:
+        figures["half_axes"] = list(claimed.half_axes)
     return {"leader": claimed.leader, "inner": _sides(claimed.inner), "box": _sides(claimed.box), **figures}
 
 

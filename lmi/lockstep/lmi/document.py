@@ -17,6 +17,7 @@ from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.json_text import load_json
 from lockstep.check.system.domain import claimed_box
+from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.design_json import (
     claims_document,
     file_document,
@@ -27,10 +28,11 @@ from lockstep.lmi.design_json import (
 from lockstep.lmi.diagnosis.open_loop import part_of_states
 from lockstep.lmi.initial_set import InitialStates, sampled_rate
 from lockstep.lmi.proposal import Proposal
+from lockstep.lmi.sampled.half_axes import multiple
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound, slopes_of
-from lockstep.model.checks.plausibility import initial_disagreement
+from lockstep.model.checks.plausibility import initial_deviations
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 
@@ -124,7 +126,8 @@ def answer_document(stored: Stored) -> dict[str, Any]:
     claimed, slopes = claims_document(claims), slopes_of(claims.entries, claims.scales)
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        text = {"arguments": arguments_text(stored.problem.agent())}
+        agent = stored.problem.agent()
+        text = {"arguments": arguments_text(agent), "states": agent.states}
         initial |= InitialStates(**vars(claims.initial_set) | text).document()
     return {
         "title": stored.problem.title,
@@ -152,11 +155,21 @@ def graph_answer(stored: Stored) -> dict[str, Any]:
     return said | ({"graph_proof": known["graph_proof"]} if "graph_proof" in known else {})
 
 
-def _limits(claims: SampledClaims, problem: Problem) -> dict[str, float]:
-    """Return what is claimed of limits, and where the run of the file starts, to compare."""
-    found = {"radius": claims.radius, "gain": claims.limits_gain, "clipped_radius": claims.clipped_radius}
-    start = {"start": initial_disagreement(problem)} if set(found.values()) != {None} else {}
-    return {key: one for key, one in (found | start).items() if one is not None}
+def _limits(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
+    """Return what is claimed of limits, |x_d(0)| of the start in the file, and how many times that start is covered."""
+    sets = {
+        "": (claims.radius, claims.half_axes),
+        "clipped_": (claims.clipped_radius, claims.clipped_half_axes),
+    }
+    found: dict[str, Any] = {"gain": claims.limits_gain}
+    away, states = initial_deviations(problem), problem.file.agent.states
+    for name, (radius, axes) in sets.items():
+        found |= {f"{name}radius": radius, f"{name}half_axes": axes and dict(zip(states, axes, strict=True))}
+        found[f"{name}times_start"] = round_down(multiple(radius, axes, away), 3) or None
+    found = {key: one for key, one in found.items() if one is not None}
+    if found and away is not None:
+        found["start"] = float(np.linalg.norm(away))
+    return found
 
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from lockstep.check.continuous.initial_set import (
     Domain,
     InitialSet,
     box_text,
+    holds_ball,
     largest_level,
     on_disagreement,
     squared_distance,
@@ -26,6 +27,8 @@ from lockstep.check.psd import decide_positive_definite
 from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.analysis.decimals import below, round_down
 from lockstep.lmi.design_json import initial_set_document
+from lockstep.lmi.sampled.half_axes import largest_half_axes
+from lockstep.model.agents.arguments import axes_text
 
 
 @dataclass(frozen=True)
@@ -52,22 +55,25 @@ class InitialStates(InitialSet):
     """A set of initial states, and what people are told of it beyond the claim.
 
     agent, argument: which v_j, from 1, of which agent would reach a side first, 0 where it is not known;  arguments: what
-    v_1, v_2, ... are, in the names of the states.
+    v_1, v_2, ... are, in the names of the states, which are the others.
     """
 
     agent: int = 0
     argument: int = 0
     arguments: str = ""
+    states: tuple[str, ...] = ()
 
     def text(self) -> str:
         """Return what this says to people."""
-        known = (one.split(" = ") for one in self.arguments.split(", "))
-        names = {one[0]: one[1] for one in known if len(one) == 2 and "..." not in one[1]}
+        named = (one.split(" = ") for one in self.arguments.split(", "))
+        names = {one[0]: one[1] for one in named if len(one) == 2 and "..." not in one[1]}
         inside = re.sub(r"\bv\d+\b", lambda found: names.get(found[0], found[0]), box_text(self.inner))
+        known = zip(self.states, self.half_axes or (), strict=False)
+        axes = f" or {axes_text(known)}," if self.half_axes else ""
         return (
             f"agent {self.leader} leads. While it moves by itself, with no command of its own, and stays in {inside}, every "
             f"agent stays in its domain, and all agree, "
-            f"from |x_d(0)| <= {below(self.radius)} with all controllers at rest "
+            f"from |x_d(0)| <= {below(self.radius)}{axes} with all controllers at rest "
             f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest: proved of the "
             "continuous controllers, not of the sampled ones"
         )
@@ -88,6 +94,7 @@ def initial_set(
     domain: Domain,
     inner: Box,
     arguments: str,
+    states: tuple[str, ...],
 ) -> InitialStates | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 
@@ -95,7 +102,7 @@ def initial_set(
         network: the agents and the graph.
         certificate: decided for the bound that was proved on the domain.
         domain: the box;  inner: the part of it that the leader is to stay in.
-        arguments: what v_1, v_2, ... are, in the names of the states.
+        arguments: what v_1, v_2, ... are, in the names of the states;  states: these.
 
     Raises:
         ProblemError: an inner box that is not inside the box on every side, or a P that does not fit the network.
@@ -109,8 +116,22 @@ def initial_set(
     energy = rounded_down(Fraction(level) / Fraction(certificate.rho) ** 2)
     if not all(0 < figure < math.inf for figure in (level, radius, energy)):
         return Unavailable("its figures are beyond the range of doubles")
+    a = largest_half_axes(
+        as_floats(squared_distance(network)), as_floats(P), level, np.zeros((1, len(states))), radius
+    )
+    axes = a if a and holds_ball(network, certificate, Fraction(level), a) else None
     return InitialStates(
-        network.graph.roots[0], domain.box, inner, level, radius, energy, i + 1, j + 1, arguments
+        network.graph.roots[0],
+        domain.box,
+        inner,
+        level,
+        radius,
+        energy,
+        axes,
+        i + 1,
+        j + 1,
+        arguments,
+        states,
     )
 
 

@@ -78,4 +78,5 @@ def initial_states(
     """
     domain = domain_of(network.agent)
     inner = inner_box(domain.box, fraction) if inner is None else inner
-    return initial_set(network.matrices, certificate, domain, inner, arguments_text(network.agent))
+    agent = network.agent
+    return initial_set(network.matrices, certificate, domain, inner, arguments_text(agent), agent.states)

@@ -80,13 +80,21 @@ def run_from(engine: Engine, x: np.ndarray, horizon: float):
 
 def test_what_is_claimed_is_answered_and_decided(pendulums):
     limits = answer_document(pendulums)["limits"]
-    assert set(limits) == {"radius", "gain", "clipped_radius"}
+    assert {"radius", "gain", "clipped_radius"} <= set(limits)
     assert limits["clipped_radius"] > limits["radius"]
     assert certify(pendulums).ok
     for name in ("radius", "limits_gain", "clipped_radius"):
         for factor, ok in ((0.9, True), (1.3, False)):
             claims = pendulums.claims
             better = {name: factor * getattr(claims.sampled, name)}
+            changed = dataclasses.replace(claims, sampled=dataclasses.replace(claims.sampled, **better))
+            assert certify(dataclasses.replace(pendulums, claims=changed)).ok == ok, name
+    for name in ("half_axes", "clipped_half_axes"):
+        alike = [
+            getattr(pendulums.claims.sampled, name.replace("half_axes", "radius"))
+        ] * pendulums.problem.agent().n
+        for factor, ok in ((0.9, True), (1.3, False)):
+            better = {name: tuple(factor * one for one in alike)}
             changed = dataclasses.replace(claims, sampled=dataclasses.replace(claims.sampled, **better))
             assert certify(dataclasses.replace(pendulums, claims=changed)).ok == ok, name
     without = dataclasses.replace(pendulums, proofs=dataclasses.replace(pendulums.proofs, clipped=None))
@@ -101,6 +109,30 @@ def test_from_the_radius_nothing_clips_and_from_the_clipped_one_all_converge(pen
     assert (edge["clipped"] > 0).any()
     assert not edge.diverged.any()
     assert edge["disagreement_final"].max() < 1e-2
+
+
+def test_from_an_ellipsoid_in_the_units_of_the_states_nothing_clips_and_all_converge(pendulums):
+    """The rate in 1/1000, and weighed so: what is claimed in each state's unit is the same, and a ball would not be."""
+    text = PENDULUMS.replace('q = "v"', 'q = "v/1000"').replace(
+        '"-0.5*v + slope*sin(q) + u"', '"-0.5*v + 1000*(slope*sin(q) + u)"'
+    )
+    text = text.replace("0.5]]", "5e-4]]").replace("-1.5]]", "-1.5e-3]]")
+    text = text.replace("[controller]", "weights = { state = [1.0, 1e-6] }\n[controller]")
+    stored = as_shipped(design_file_of(design(Problem.parse(text))))
+    engine, claims, known = engine_of(stored), stored.claims.sampled, pendulums.claims.sampled
+    assert certify(stored).ok
+    # The solver's gap, and three decimals of half-axes.
+    assert claims.radius == pytest.approx(known.radius, rel=0.02)
+    assert claims.clipped_radius == pytest.approx(known.clipped_radius, rel=0.02)
+    for radius, half_axes, clips in (
+        (claims.radius, claims.half_axes, False),
+        (claims.clipped_radius, claims.clipped_half_axes, True),
+    ):
+        assert half_axes[1] > 0.98e3 * radius
+        runs = run_from(engine, starts(stored, 1.0, 128) * np.array(half_axes), 40.0)
+        assert (runs["clipped"] > 0).any() == clips
+        assert not runs.diverged.any()
+        assert runs["disagreement_final"].max() < 10.0, "of 1000 in a unit of the rate"
 
 
 def simulated(stored: Stored, radius: float):

@@ -29,8 +29,9 @@ disagree about: the inputs, that do not add up to zero, and the mean of phi(v_i)
 certificate in x_d says nothing of it.
 
 With |x_d|^2 = sum_i |x_i - mean|^2 = x_d' ((T T')^-1 (x) I) x_d, all |x_d| <= radius are in the set if c / radius^2 (T T')^-1
-(x) I - P_d > 0, P_d being P on x_d. Everything is decided in rationals; the largest figures are looked for elsewhere. The
-certificate itself is taken as decided (`decide`).
+(x) I - P_d > 0, P_d being P on x_d; with half-axes a, each in the unit of its state, and diag(a)^-2 in the place of I /
+radius^2, the ellipsoid sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1 is. Everything is decided in rationals; the largest figures
+are looked for elsewhere. The certificate itself is taken as decided (`decide`).
 """
 
 import math
@@ -66,7 +67,8 @@ class InitialSet:
 
     leader: the only root, counted from 1, its controller at rest;  box, inner: for v = H x of every agent, and of the
     leader;  level: c;  radius: |x_d(0)| <= radius is inside the set if all controllers start at rest, where |x_d|^2 =
-    sum_i |x_i - mean|^2;  energy: of xi_d, that agents in agreement can take.
+    sum_i |x_i - mean|^2;  energy: of xi_d, that agents in agreement can take;  half_axes: of an ellipsoid inside the set as
+    well, in the unit of each state.
     """
 
     leader: int
@@ -75,6 +77,7 @@ class InitialSet:
     level: float
     radius: float
     energy: float
+    half_axes: tuple[float, ...] | None = None
 
 
 def better_than_proved(
@@ -95,11 +98,20 @@ def better_than_proved(
     for name, most in (("level", c), ("energy", c / Fraction(certificate.rho) ** 2)):
         if Fraction(own := getattr(claimed, name)) > most:
             return f"the {name} is {own:.10g}, which is more than is proved"
-    ratio, P = c / Fraction(claimed.radius) ** 2, on_disagreement(network, certificate)
-    within = fmpq(ratio.numerator, ratio.denominator) * squared_distance(network) - P
-    if not decide_positive_definite(within).positive:
+    if not holds_ball(network, certificate, c, (claimed.radius,)):
         return f"the radius is {claimed.radius:.10g}, which is more than is proved"
+    if claimed.half_axes is not None and not holds_ball(network, certificate, c, claimed.half_axes):
+        return f"the half-axes are {claimed.half_axes}, which is more than is proved"
     return None
+
+
+def holds_ball(network: ExactNetwork, certificate: Certificate, c: Fraction, radii: Sequence[float]) -> bool:
+    """Decide whether x_d' P x_d <= c wherever sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1, a the radius or its n half-axes."""
+    P = on_disagreement(network, certificate)
+    if len(radii) not in (1, len(network.plant.A)):
+        return False
+    a, ratio = exactly(np.resize(radii, len(P))), fmpq(c.numerator, c.denominator)
+    return decide_positive_definite(ratio * squared_distance(network) / np.outer(a, a) - P).positive
 
 
 def unavailable(network: ExactNetwork, certificate: Certificate | ModalCertificate, box: Box) -> str | None:

@@ -56,7 +56,10 @@ def _with_proof(kind: type[T], proof: str, value: Any, where: str) -> T:
 
 _ENTRY = read.made(Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative})
 _FIGURES = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
-_INITIAL_SET = read.made(InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **_FIGURES})
+_AXES = read.or_none(partial(read.each, read=read.above_zero))
+_INITIAL_SET = read.made(
+    InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **_FIGURES, "half_axes": _AXES}
+)
 _ROUNDING = partial(read.each, read=_by_letter, name="agent")
 
 
@@ -70,7 +73,8 @@ class SampledClaims:
     step (smaller is better);  max_period: the same gains, sampled anew, agree at it too (larger is better);  radius: from
     disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none does under
     a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements up to it
-    the loop converges with its inputs clipped (larger is better).
+    the loop converges with its inputs clipped (larger is better);  half_axes, clipped_half_axes: the same from disagreements
+    with sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1, a in the unit of each state (larger is better).
     """
 
     certified: Annotated[bool, read.flag] = False
@@ -86,6 +90,8 @@ class SampledClaims:
     radius: PositiveOrNone = None
     limits_gain: PositiveOrNone = None
     clipped_radius: PositiveOrNone = None
+    half_axes: Annotated[tuple[float, ...] | None, _AXES] = None
+    clipped_half_axes: Annotated[tuple[float, ...] | None, _AXES] = None
 
     def __post_init__(self) -> None:
         claimed = [one for key, one in vars(self).items() if key not in ("certified", "max_period")]

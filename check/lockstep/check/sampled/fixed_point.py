@@ -145,7 +145,7 @@ def proves_range(
     As in `input_limits`: V <= V_0 + kappa_mu |mu|^2 / (1 - decay) at every sampling instant, and |k x_cl + e| <= g sqrt(V) +
     |e|, g^2 = k P^-1 k', for the rows k of x_C, of r and of u; only those of u hold a mu.
     """
-    return proves_reach(loop, witness, radius, lambda: range_level(loop, fixed, witness))
+    return proves_reach(loop, witness, lambda: range_level(loop, fixed, witness), radius)
 
 
 def range_level(loop: SampledLoop, fixed: tuple[FixedController, ...], witness: Witness) -> arb:

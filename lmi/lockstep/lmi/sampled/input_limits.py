@@ -1,13 +1,15 @@
 """The largest disagreement from which no input meets its limit is looked for here, in doubles, and put to the checker.
 
-Without rounding it is `step_program` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) I >=
-P_d, gamma least: radius = gamma^-1/2. Of a large loop P and the pair weights are sums of the smallest
+Without rounding it is `step_program` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) diag(s)^-2 >=
+P_d, gamma least: the half-axes are gamma^-1/2 s. The sizes s of the states, all 1 where nothing is said, weigh metres against
+metres per second. Of a large loop P and the pair weights are sums of the smallest
 P (`storage`) for some costs and multiples of the weights that are given. The largest energy of a disturbance is that of the
 largest P, for which a factor of the pair weights and a decay are searched.
 """
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -67,6 +69,10 @@ CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
 
 
+Sizes = Float[np.ndarray, " n"]
+ONE = np.ones(1)
+"""All states are of size 1."""
+
 _Stored = tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " pairs"]]
 """P and the pair weights that go with it."""
 
@@ -76,14 +82,16 @@ def largest_radius(
     controllers: tuple[HeldController, ...],
     limits: Float[np.ndarray, " m"],
     guess: Float[np.ndarray, " pairs"],
+    sizes: Sizes = ONE,
 ) -> tuple[float, Witness] | None:
-    """Find and prove a large radius, in short decimals; None if none is proved.
+    """Find and prove a large radius over the sizes of the states, in short decimals; None if none is proved.
 
     Args:
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         limits: (m,) of each agent's inputs.
         guess: pair weights that prove the loop, up to a common factor: those of a large loop.
+        sizes: (n,) or one for all; the half-axes are the radius times these.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
     one = period_in_doubles(loop)
@@ -94,8 +102,8 @@ def largest_radius(
 
     def least(decay: float) -> tuple[float, Witness] | None:
         if is_large(loop):
-            return level_of_given_weights(loop, one, rows, decay, guess)
-        return least_level(loop, one, rows, decay)
+            return level_of_given_weights(loop, one, rows, decay, guess, sizes)
+        return least_level(loop, one, rows, decay, sizes=sizes)
 
     rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_x <= SOME_STATES else RATES[1:2]
     found = [least(1 - rate * spread) for rate in rates]
@@ -103,27 +111,37 @@ def largest_radius(
         for candidate in priced_for_rounding(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
                 radius = float(f"{part / gamma**0.5:.4g}")
-                if proves_radius(exact_loop, candidate, limits, radius):
+                if proves_radius(exact_loop, candidate, limits, tuple(radius * sizes)):
                     return radius, candidate
     return None
 
 
+def inside(loop: SampledLoop, gamma: Any, P: Any, sizes: Sizes) -> Any:
+    """Return gamma (T T')^-1 (x) diag(s)^-2 >= P_d as a condition, in units of s: a solver loses 1e-6 beside 1."""
+    S = np.diag(np.resize(sizes, loop.n_d))
+    return gamma * np.asarray(metric(loop)) - S @ P[: loop.n_d, : loop.n_d] @ S >> 0
+
+
 def least_level(
-    loop: SampledLoop, one: Lifted, rows: Float[np.ndarray, "k n_x"], decay: float, noise: float | None = None
+    loop: SampledLoop,
+    one: Lifted,
+    rows: Float[np.ndarray, "k n_x"],
+    decay: float,
+    noise: float | None = None,
+    sizes: Sizes = ONE,
 ) -> tuple[float, Witness] | None:
-    """Return the least gamma with |k_l x_cl| <= 1 where V <= 1 and gamma (T T')^-1 (x) I >= P_d, and its witness, or None.
+    """Return the least gamma with |k_l x_cl| <= 1 where V <= 1 and P_d is `inside`, and its witness, or None.
 
     noise: the most that the messages' errors may cost, as kappa; where they count for nothing, None, and the witness is
     without prices of errors.
     """
     import cvxpy as cp
 
-    n_d = loop.n_d
     program = step_program(loop, one, decay, rows.T @ rows, noise=noise is not None)
     if program is None:
         return None
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
-    conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
+    conditions = [inside(loop, gamma, program.P, sizes)]
     conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
     if noise is not None and math.isfinite(noise):
         conditions.append(program.kappa <= noise / program.unit)
@@ -136,6 +154,7 @@ def level_of_given_weights(
     rows: Float[np.ndarray, "k n_x"],
     decay: float,
     m: Float[np.ndarray, " pairs"],
+    sizes: Sizes = ONE,
 ) -> tuple[float, Witness] | None:
     """Return what `least_level` does, P and the weights being sums of some; or None.
 
@@ -143,7 +162,8 @@ def level_of_given_weights(
     controllers and the inputs held. The inequality is convex in P and the weights together, so that sums satisfy it too: to
     the best one another is added, the one that helps most, as long as it helps.
     """
-    n, n_d, form, found = loop.n_x, loop.n_d, np.asarray(metric(loop)), list[_Stored | None]()
+    n, n_d, s, found = loop.n_x, loop.n_d, np.resize(sizes, loop.n_d), list[_Stored | None]()
+    form = np.asarray(metric(loop)) / np.outer(s, s)
     size = float(np.linalg.norm(rows, 2)) ** 2
     alike = size / (float(np.linalg.norm(copies(one, multiplier(loop.network.d, m)).CC_d, 2)) or 1.0)
     others = np.diag(np.arange(n) >= n_d).astype(float)

@@ -3,7 +3,7 @@
 Without rounding, and for given tau, it is the program of `step_program` with a column for what is clipped off, in tau H, and
 
     [ P            k_l' - h_l' ]
-    [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) I >= P_d,  gamma least:  radius = gamma^-1/2.
+    [ k_l - h_l    u_max,l^2   ]  >= 0,          gamma (T T')^-1 (x) diag(s)^-2 >= P_d,  gamma least:  half-axes gamma^-1/2 s.
 
 One number tau for all inputs, each in units of its limit, is searched for: with it large nothing is clipped, and too small no
 P is left. In tau and H together it is not convex. Of a large loop nothing is searched for: the
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
-from lockstep.check.sampled.inequality import Witness, metric
+from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.inputs.saturation import (
     ClippedWitness,
     clipped,
@@ -27,7 +27,7 @@ from lockstep.check.sampled.inputs.saturation import (
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_for_rounding
-from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT
+from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT, ONE, Sizes, inside
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -52,14 +52,16 @@ def largest_clipped_radius(
     controllers: tuple[HeldController, ...],
     limits: Float[np.ndarray, " m"],
     unclipped: tuple[float, Witness] | None = None,
+    sizes: Sizes = ONE,
 ) -> Found | None:
-    """Find and prove a large radius from which the clipped loop converges, in short decimals; None if none is proved.
+    """Find and prove a large radius over the sizes of the states from which the clipped loop converges; None without one.
 
     Args:
         network: agents, coordinates, alpha, period, delay, the matrices exact.
         controllers: one per agent, with the coefficients of the code.
         limits: (m,) of each agent's inputs.
         unclipped: a radius from which no input meets its limit, and its witness: what is found is no less.
+        sizes: (n,) or one for all; the half-axes are the radius times these.
     """
     loop, exact_loop = in_doubles(network, controllers), sampled_loop(network, controllers)
     one = period_in_doubles(loop)
@@ -68,22 +70,28 @@ def largest_clipped_radius(
     spread, least = 1 - spectral_radius(loop, one) ** 2, 0.0 if unclipped is None else unclipped[0]
     exponent: float | None = None
     for rate in RATES if spread > 0 and not is_large(loop) else ():
-        found, exponent = _scanned(loop, one, limits, 1 - rate * spread, exponent)
+        found, exponent = _scanned(loop, one, limits, sizes, 1 - rate * spread, exponent)
         for gamma, start in found:
             for candidate in _priced(loop, one, start):
                 for part in KEPT:
                     radius = float(f"{part / gamma**0.5:.4g}")
-                    if radius > least and proves_clipped_radius(exact_loop, candidate, limits, radius):
+                    a = tuple(radius * sizes)
+                    if radius > least and proves_clipped_radius(exact_loop, candidate, limits, a):
                         return radius, candidate
     if unclipped is None:
         return None
     never = np.full(len(loop.computed), NEVER * float(np.linalg.norm(unclipped[1].P, 2)))
     same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_x)))
-    return (least, same) if proves_clipped_radius(exact_loop, same, limits, least) else None
+    return (least, same) if proves_clipped_radius(exact_loop, same, limits, tuple(least * sizes)) else None
 
 
 def _scanned(
-    loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float, near: float | None
+    loop: SampledLoop,
+    one: Lifted,
+    limits: Float[np.ndarray, " m"],
+    sizes: Sizes,
+    decay: float,
+    near: float | None,
 ) -> tuple[list[Found], float]:
     """Return gamma and a witness for each tau tried, the least gamma first, and the exponent of its tau.
 
@@ -95,7 +103,7 @@ def _scanned(
         if abs(at) > MOST:
             return np.inf
         if at not in tried:
-            tried[at] = _least(loop, one, limits, decay, 10**at)
+            tried[at] = _least(loop, one, limits, sizes, decay, 10**at)
         found = tried[at]
         return np.inf if found is None else found[0]
 
@@ -125,12 +133,12 @@ def _priced(loop: SampledLoop, one: Lifted, start: ClippedWitness) -> Iterator[C
 
 
 def _least(
-    loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], decay: float, tau: float
+    loop: SampledLoop, one: Lifted, limits: Float[np.ndarray, " m"], sizes: Sizes, decay: float, tau: float
 ) -> tuple[float, ClippedWitness] | None:
     """Return gamma and its witness without prices of the errors, or None; tau: of the nearest limit."""
     import cvxpy as cp
 
-    wide, n, n_d, inputs, T = clipped(loop), loop.n_x, loop.n_d, len(loop.computed), loop.network.period
+    wide, n, inputs, T = clipped(loop), loop.n_x, len(loop.computed), loop.network.period
     bounds = np.tile(limits, inputs // len(limits))
     bounded = np.isfinite(bounds)
     rows = loop.computed[:, :n] / np.where(bounded, bounds, 1.0)[:, None]
@@ -148,7 +156,7 @@ def _least(
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
     h = cp.diag(ratio / np.where(bounded, bounds, 1.0)) @ program.cross
     k = rows @ inverse.T
-    conditions = [gamma * np.asarray(metric(loop)) - program.P[:n_d, :n_d] >> 0]
+    conditions = [inside(loop, gamma, program.P, sizes)]
     for l in np.flatnonzero(bounded):
         side = k[l : l + 1] - h[l : l + 1]
         conditions.append(cp.bmat([[program.V, side.T], [side, np.eye(1)]]) >> 0)

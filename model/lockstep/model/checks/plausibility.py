@@ -13,6 +13,7 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
+from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
 from lockstep.model.agents.agent import Agent
@@ -144,14 +145,14 @@ def _degrees(state: str) -> ProblemError:
     return ProblemError("degrees", where=f"[agent.units] {state}", expected=expected, remedy=remedy)
 
 
-def initial_disagreement(problem: Problem) -> float | None:
-    """Return |x_d(0)| of the initial states that the file names, less offsets; None without such, or beyond doubles."""
+def initial_deviations(problem: Problem) -> Float[np.ndarray, "N n"] | None:
+    """Return x_i(0) - mean of the initial states that the file names, less offsets; None without such, or beyond doubles."""
     if isinstance(problem.simulation.initial, str) or problem.spectrum:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         x = problem.initial_states() - (0.0 if problem.offsets is None else problem.offsets)
-        size = math.hypot(*(x - x.mean(axis=0)).ravel())
-    return size if math.isfinite(size) else None
+        away: Float[np.ndarray, "N n"] = x - x.mean(axis=0)
+    return away if math.isfinite(math.hypot(*away.ravel())) else None
 
 
 def initial(problem: Problem) -> Iterator[CheckRow]:

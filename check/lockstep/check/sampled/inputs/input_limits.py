@@ -12,7 +12,10 @@ of C and D of that agent. With controllers at rest V_0 = x_d' P_d x_d, and so
 
     (c / r^2) (T T')^-1 (x) I - P_d > 0,     c = min_l ((u_max,l - e_l) / g_l)^2 - e,
 
-proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever.
+proves that |(T'(T T')^-1 T (x) I) x(0)| <= r keeps every u_l within u_max,l for ever. States have units of their own: with
+half-axes a in the place of r, and diag(a)^-2 in that of I / r^2, it is the ellipsoid
+
+    sum_i sum_k ((x_ik(0) - mean_k) / a_k)^2 <= 1.
 
 With a disturbance, and noise nu on the outputs where rho is a gain from it too, the inequality of `l2_gain` with rho = 1,
 nothing weighed and decay < 1 gives from agreement, where V_0 = 0, for the energy
@@ -28,7 +31,7 @@ meets its limit.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -42,30 +45,29 @@ from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.l2_gain import dissipates
 from lockstep.check.sampled.loop import SampledLoop
 
+Radius = float | Sequence[float]
+"""Of a set of disagreements: r, in the metric of the disagreement, or the half-axes a, in the unit of each state."""
+
 
 def proves_radius(
-    exact_loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m"], radius: float
+    exact_loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m"], *radii: Radius
 ) -> bool:
-    """Decide in balls whether a witness proves that no |u_l| exceeds limits[l] from disagreements up to a radius.
+    """Decide in balls whether a witness proves that no |u_l| exceeds limits[l] from disagreements in each of some sets.
 
     Args:
         exact_loop: assembled from the controllers as in the code.
         witness: of the sampled loop.
         limits: (m,) of each agent's inputs; infinite where there is none.
-        radius: in the metric of the disagreement, above 0.
+        radii: of each set.
     """
-    rows = exact_loop.computed[:, _seen(exact_loop)]
-    return proves_reach(exact_loop, witness, radius, lambda: level(exact_loop, witness, limits, rows))
+    rows = exact_loop.computed[:, seen_columns(exact_loop)]
+    return proves_reach(exact_loop, witness, lambda: level(exact_loop, witness, limits, rows), *radii)
 
 
-def proves_reach(loop: SampledLoop, witness: Witness, radius: float, level: Callable[[], arb]) -> bool:
-    """Decide in balls a witness of the sampled loop, and that all disagreements up to a radius have V <= level()."""
+def proves_reach(loop: SampledLoop, witness: Witness, level: Callable[[], arb], *radii: Radius) -> bool:
+    """Decide in balls a witness of the sampled loop, and that all disagreements in each set have V <= level()."""
     with balls.working_precision():
-        return (
-            0 < radius < math.inf
-            and proves(loop, lifted_agent(loop), witness)
-            and reaches(loop, witness, level(), radius)
-        )
+        return proves(loop, lifted_agent(loop), witness) and reaches(loop, witness, level(), *radii)
 
 
 def proves_gain(
@@ -90,20 +92,23 @@ def proves_gain(
     with balls.working_precision():
         if not dissipates(exact_loop, quiet, witness, 1.0):
             return False
-        rows = exact_loop.computed[:, _seen(exact_loop)]
+        rows = exact_loop.computed[:, seen_columns(exact_loop)]
         return bool(level(exact_loop, witness, limits, rows) > arb(gain) ** 2)
 
 
-def _seen(loop: SampledLoop) -> list[int]:
+def seen_columns(loop: SampledLoop) -> list[int]:
     """Return the columns of x_cl and of nu_d."""
     return [*range(loop.n_x), *range(loop.outputs.start, loop.outputs.stop)]
 
 
-def reaches(loop: SampledLoop, witness: Witness, c: arb, radius: float) -> bool:
-    """Decide whether all disagreements up to a radius, controllers at rest, have V <= c."""
-    place = slice(0, loop.n_d)
-    P = exactly(witness.P)[place, place]
-    return bool(c > 0) and balls.is_positive_definite(c / arb(radius) ** 2 * metric(loop) - P)
+def reaches(loop: SampledLoop, witness: Witness, c: arb, *radii: Radius) -> bool:
+    """Decide whether all disagreements in each set, controllers at rest, have V <= c; False too of what is no set."""
+    place, n = slice(0, loop.n_d), len(loop.network.plant.A)
+    P, sets = exactly(witness.P)[place, place], [np.ravel(one) for one in radii]
+    if not (c > 0 and all(len(a) in (1, n) and (a > 0).all() and np.isfinite(a).all() for a in sets)):
+        return False
+    alike = [np.array([arb(x) for x in np.resize(a, loop.n_d)]) for a in sets]
+    return all(balls.is_positive_definite(c * metric(loop) / np.outer(a, a) - P) for a in alike)
 
 
 def level(loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m"], rows: Matrix) -> arb:
@@ -111,7 +116,7 @@ def level(loop: SampledLoop, witness: Witness, limits: Annotated[np.ndarray, " m
 
     Where the loop has noise nu_d, k_l acts on it too, and V counts T_s nu_d' (S (x) I) nu_d besides.
     """
-    columns, m = _seen(loop), len(limits)
+    columns, m = seen_columns(loop), len(limits)
     unit, d = eye((len(columns) - loop.n_x) // (loop.network.d.N - 1), loop.held), loop.network.d
     form = block_diagonal(exactly(witness.P), exact(loop.network.period) * np.kron(d.S, unit))
     inverse = balls.inverse(form)

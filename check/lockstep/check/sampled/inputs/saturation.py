@@ -17,7 +17,6 @@ c being `input_limits.level` of the rows k_l - h_l, and there the sum is not pos
 ever, by induction from sample to sample, and V decays to what underflow adds. With h = 0 nothing is ever clipped.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -27,7 +26,7 @@ from lockstep.check.numbers import Matrix, converter, exactly, is_exact, zeros
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.certificate import admitted_multiplier, lifted_agent
 from lockstep.check.sampled.inequality import Omega_matrix, Witness
-from lockstep.check.sampled.inputs.input_limits import level, reaches
+from lockstep.check.sampled.inputs.input_limits import Radius, level, reaches
 from lockstep.check.sampled.lifting import copies
 from lockstep.check.sampled.loop import SampledLoop, inputs_of
 
@@ -78,22 +77,22 @@ def sector_cost(loop: SampledLoop, witness: ClippedWitness) -> Matrix:
 
 
 def proves_clipped_radius(
-    exact_loop: SampledLoop, witness: ClippedWitness, limits: Annotated[np.ndarray, " m"], radius: float
+    exact_loop: SampledLoop, witness: ClippedWitness, limits: Annotated[np.ndarray, " m"], *radii: Radius
 ) -> bool:
-    """Decide in balls whether the clipped loop converges from all disagreements up to a radius, controllers at rest.
+    """Decide in balls whether the clipped loop converges from all disagreements in each of some sets, controllers at rest.
 
     Args:
         exact_loop: assembled from the controllers as in the code, without clipping.
         witness: of the clipped loop.
         limits: (m,) of each agent's inputs; infinite where there is none.
-        radius: in the metric of the disagreement, above 0.
+        radii: of each set.
     """
     storage, inputs = witness.storage, len(exact_loop.computed)
     if witness.tau.shape != (inputs,) or witness.h.shape != (inputs, exact_loop.n_x):
         return False
     if not ((witness.tau >= 0).all() and np.isfinite(witness.h).all()):
         return False
-    if not (0 < radius < math.inf and 0 < storage.decay < 1):
+    if not 0 < storage.decay < 1:
         return False
     with balls.working_precision():
         M, one, loop = admitted_multiplier(exact_loop, storage), lifted_agent(exact_loop), clipped(exact_loop)
@@ -103,4 +102,4 @@ def proves_clipped_radius(
         if not balls.is_positive_definite(Omega):
             return False
         rows = exact_loop.computed[:, : exact_loop.n_x] - exactly(witness.h)
-        return reaches(exact_loop, storage, level(exact_loop, storage, limits, rows), radius)
+        return reaches(exact_loop, storage, level(exact_loop, storage, limits, rows), *radii)

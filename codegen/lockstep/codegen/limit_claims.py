@@ -1,0 +1,93 @@
+"""What can be claimed of the limits of a design's inputs, with its witnesses."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from lockstep.check.continuous.inequality import Performance
+from lockstep.check.sampled.inequality import Witness
+from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.saturation import proves_clipped_radius
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.codegen.sampled_design import known_rho, sampled_network
+from lockstep.codegen.sampled_modes import sampled_controllers, splits
+from lockstep.lmi.document import Stored
+from lockstep.lmi.sampled.half_axes import half_axes
+from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
+from lockstep.lmi.sampled.saturation import largest_clipped_radius
+from lockstep.lmi.shapes import Vector
+from lockstep.model.checks.plausibility import initial_deviations
+
+MOST_STATES = 100
+"""Of a sampled loop that is assembled for what is proved of limits, which is not proved mode by mode."""
+
+T = TypeVar("T")
+
+
+def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
+    """Return a design file with what is proved of its inputs' limits, where there are any: it takes its time, so at last.
+
+    radius of disagreements from which no input meets its limit;  gain, the root of the energy of a disturbance under which
+    none does;  clipped, radius of disagreements from which the clipped loop comes to agree;  half-axes, where they add to a
+    radius.
+
+    Args:
+        made: with what is proved of its sampled controllers.
+        stated: a file of the same gains, whose witnesses are tried first.
+    """
+    problem, witness, rho = made.problem, made.proofs.sampled, known_rho(made)
+    if not made.claims.sampled.certified or not np.isfinite(problem.limits).any():
+        return made
+    states = problem.sizes.N * (problem.sizes.n + problem.sizes.n_C)
+    if rho is None and splits(made) and (problem.spectrum is not None or states > MOST_STATES):
+        return made
+    network, controllers = sampled_network(made), sampled_controllers(made, problem.controller.period)
+    limits, weights, away = problem.limits, problem.performance, initial_deviations(problem)
+    plain, noisy = sampled_loop(network, controllers), sampled_loop(network, controllers, weights.outputs)
+    guess = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
+    claims, proofs, sizes = (stated or made).claims.sampled, (stated or made).proofs, _sizes(weights)
+    calm = _known(
+        claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, tuple(r * sizes))
+    )
+    calm = calm or largest_radius(network, controllers, limits, guess, sizes)
+    gain = clipped = None
+    if rho is not None:
+        known = claims.limits_gain, proofs.limits_gain
+        gain = _known(*known, lambda w, energy: proves_gain(noisy, w, limits, weights, energy))
+        gain = gain or largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
+    clipped = _known(
+        claims.clipped_radius,
+        proofs.clipped,
+        lambda w, r: proves_clipped_radius(plain, w, limits, tuple(r * sizes)),
+    )
+    clipped = clipped or largest_clipped_radius(network, controllers, limits, calm, sizes)
+    found = replace(
+        made.claims.sampled,
+        radius=calm and calm[0],
+        limits_gain=gain and gain[0],
+        clipped_radius=clipped and clipped[0],
+        half_axes=calm and half_axes(plain, calm[1], limits, calm[0], away),
+        clipped_half_axes=clipped and half_axes(plain, clipped[1], limits, clipped[0], away),
+    )
+    kept = replace(
+        made.proofs,
+        radius=calm and calm[1],
+        limits_gain=gain and gain[1],
+        clipped=clipped and clipped[1],
+    )
+    return replace(made, claims=replace(made.claims, sampled=found), proofs=kept)
+
+
+def _sizes(weights: Performance) -> Vector:
+    """Return the sizes that R weighs alike, the smallest 1: a radius times these holds the ball of that radius."""
+    R = np.diag(weights.R)
+    return np.asarray((R.max() / R) ** 0.5)
+
+
+def _known(
+    claimed: float | None, witness: T | None, proves: Callable[[T, float], bool]
+) -> tuple[float, T] | None:
+    """Return what a file states, and its witness, if it proves that; else None."""
+    return (claimed, witness) if claimed and witness is not None and proves(witness, claimed) else None

@@ -1,0 +1,133 @@
+"""Starts in an ellipsoid whose half-axes have the units of the states: decided as a ball is, and knowing no units."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from sampled_cases import random_problem
+
+from lockstep.check.design_file.claims import claims_of
+from lockstep.check.errors import ProblemError
+from lockstep.check.numbers import exactly
+from lockstep.check.sampled.balls import midpoints
+from lockstep.check.sampled.inequality import metric
+from lockstep.check.sampled.inputs.input_limits import proves_radius
+from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
+from lockstep.check.sampled.loop import sampled_loop
+from lockstep.lmi.sampled.half_axes import PART, WORTH, largest_half_axes, multiple
+from lockstep.lmi.sampled.input_limits import largest_radius
+
+LIMITS, UNITS = np.array([1.0]), 2.0 ** np.array([10, -7, 3, 0])
+"""Powers of two: what is measured in other units is the same number but for its exponent."""
+
+
+def case(seed: int):
+    """A loop of random agents, a witness of a radius, and the loop and the witness in other units of the states."""
+    net, ones = random_problem(seed)
+    found = largest_radius(net, ones, LIMITS, np.ones(len(net.d.pairs())))
+    assert found is not None
+    radius, w = found[0], dataclasses.replace(found[1], ratio=1e9)  # |x_d|^2 <= ratio V, in any of the units
+    d = UNITS[: len(net.plant.A)]
+    D, inverse = exactly(np.diag(d)), exactly(np.diag(1 / d))
+    plant = net.plant
+    other = dataclasses.replace(
+        net,
+        plant=dataclasses.replace(
+            plant,
+            A=D @ plant.A @ inverse,
+            B=tuple(D @ B for B in plant.B),
+            C=plant.C @ inverse,
+            G=D @ plant.G,
+            H=plant.H @ inverse,
+        ),
+    )
+    scale = np.ones(len(w.P))
+    scale[: len(d) * (net.d.N - 1)] = np.tile(1 / d, net.d.N - 1)
+    scaled = dataclasses.replace(w, P=scale[:, None] * w.P * scale)
+    return radius, d, (sampled_loop(net, ones), w), (sampled_loop(other, ones), scaled)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_half_axes_know_no_units_and_a_radius_does(seed):
+    radius, d, (loop, w), (other, scaled) = case(seed)
+    away = np.random.default_rng(seed).normal(size=(2, len(d)))
+    away -= away.mean(axis=0)
+    a = largest_half_axes(*_parts(loop, w), _level(loop, w), away, 1e-9 * radius)
+    b = largest_half_axes(*_parts(other, scaled), _level(loop, w), away * d, 1e-9 * radius)
+    # Three decimals are kept of each.
+    np.testing.assert_allclose(np.array(b), d * np.array(a), rtol=0.01)
+    for size, holds in ((0.999, True), (1.02, False)):
+        inside = [size * one for one in a]
+        assert proves_radius(loop, w, LIMITS, inside) == holds
+        assert proves_radius(other, scaled, LIMITS, [float(x) for x in d * np.array(inside)]) == holds
+    if len(d) > 1:
+        assert not proves_radius(other, scaled, LIMITS, radius)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_radius_is_the_half_axes_that_are_alike(seed):
+    """For each size both are decided alike, with inputs that are clipped off as well; of some sets, every one counts."""
+    radius, d, (loop, w), _ = case(seed)
+    count = len(loop.computed)
+    clipped = ClippedWitness(w, np.full(count, 1e6 * np.linalg.norm(w.P)), np.zeros((count, loop.n_x)))
+    for size in (0.5, 1.0, 1.05, 2.0):
+        ball, axes = size * radius, [size * radius] * len(d)
+        assert proves_radius(loop, w, LIMITS, ball) == proves_radius(loop, w, LIMITS, axes) == (size <= 1)
+        assert proves_clipped_radius(loop, clipped, LIMITS, ball) == (size <= 1)
+        assert proves_clipped_radius(loop, clipped, LIMITS, axes) == (size <= 1)
+        assert proves_radius(loop, w, LIMITS, radius, axes) == (size <= 1)
+
+
+def test_what_are_no_half_axes():
+    radius, d, (loop, w), _ = case(1)
+    some = [1e-3 * radius] * len(d)
+    assert proves_radius(loop, w, LIMITS, some)
+    for wrong in (
+        [],
+        some + some,
+        [*some, 1.0],
+        [0.0, *some[1:]],
+        [-1.0, *some[1:]],
+        [np.nan, *some[1:]],
+        [np.inf],
+    ):
+        assert len(wrong) != len(d) or not proves_radius(loop, w, LIMITS, wrong)
+        assert len(wrong) in (1, len(d)) or not proves_radius(loop, w, LIMITS, wrong)
+
+
+def test_an_ellipsoid_inside_another_by_hand():
+    """x_d of two agents, K = I, P = diag(4, 1/4), c = 1: V <= 1 has the half-axes 1/2 and 2."""
+    K, P = np.eye(2), np.diag([4.0, 0.25])
+    alone = largest_half_axes(K, P, 1.0, np.zeros((1, 2)), 0.5)
+    assert np.array(alone) == pytest.approx([0.5, 2.0], rel=0.01), (
+        "three decimals, rounded down, of 0.995 of them"
+    )
+    start = np.array([[0.0, 3.0], [0.0, -3.0]])
+    first, second = largest_half_axes(K, P, 1.0, start, 0.5)
+    assert second == pytest.approx(2 * PART, rel=0.01)
+    assert first == pytest.approx(0.5, rel=0.01)
+    assert multiple(None, (first, second), start) == pytest.approx(second / 18**0.5)
+    assert largest_half_axes(K, np.eye(2), 1.0, start, 1.0) is None, f"it adds less than {WORTH} times"
+
+
+def test_a_claim_of_half_axes_is_a_list_of_numbers_above_zero():
+    content = {
+        "certified": True, "rho": 1.0, "alpha": 1.0, "proof": "exact",
+        "fragility": dict.fromkeys("ABCD", 0.0),
+        "sampled": {"certified": True, "proof": "ball", "half_axes": [1.0, 2.0]},
+    }  # fmt: skip
+    assert claims_of(content).sampled.half_axes == (1.0, 2.0)
+    for wrong in ([1.0, 0.0], [1.0, "2"], 3.0, [1.0, None]):
+        with pytest.raises(ProblemError, match="half_axes"):
+            claims_of({**content, "sampled": {**content["sampled"], "half_axes": wrong}})
+
+
+def _parts(loop, w):
+    K = midpoints(metric(loop))
+    return K, w.P[: len(K), : len(K)]
+
+
+def _level(loop, w) -> float:
+    """c = min_l 1 / (k_l P^-1 k_l'), without what rounding takes of it."""
+    rows = midpoints(loop.computed[:, : loop.n_x])
+    return float(min(1 / (row @ np.linalg.solve(w.P, row)) for row in rows if row.any()))
