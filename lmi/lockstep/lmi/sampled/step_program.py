@@ -166,7 +166,7 @@ def basis_of(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Flo
     """Return L, L L' a multiple of the sum of N'^k near N^k in which `near` has the norm 1; None if N is not stable."""
     from scipy.linalg import matrix_balance, solve_discrete_lyapunov
 
-    _, (units, _) = matrix_balance(N, permute=False, separate=True)
+    _, (units, _) = matrix_balance(N - np.eye(len(N)), permute=False, separate=True)
     units = units if units.max() > FAR_APART * units.min() else np.ones(len(N))
     scaled = near * np.outer(units, units)
     whole = scaled + 1e-2 * np.linalg.norm(scaled, 2) * np.eye(len(N))
