@@ -32,7 +32,10 @@ LATER = {
         185,
     ),
     # 60 of them moved in, out of the roots; what was proposed before had no half-axes.
-    "limits of the inputs: what is claimed": (["codegen/lockstep/codegen/limit_claims.py"], 80),
+    "limits of the inputs: what is claimed, and noise of sensors": (
+        ["codegen/lockstep/codegen/limit_claims.py", "lmi/lockstep/lmi/sampled/sensor_noise.py"],
+        110,
+    ),
     "check: formations": (["check/lockstep/check/system/formation.py"], 60),
     "formations, a leader's reference: of a problem, and said": (
         [

@@ -172,6 +172,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "interval": ("How often random errors are drawn anew", "s"),
     },
     "ChannelTable": {
+        "noise": (
+            "Standard deviation of the noise of an output at each reading of the run",
+            "unit of the output",
+        ),
         "delay": ("How late messages are in the run", "periods"),
         "drop": ("Probability that a message is lost in the run", ""),
         "bits": ("How finely messages are quantised", "bits"),

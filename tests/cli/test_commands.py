@@ -341,3 +341,14 @@ def test_another_period_is_told_as_one_that_is_certified():
     assert sampled_text(refused) == "NO: the gain is 1.3; certified at 0.03 s"
     proved = {"certified": True, "proof": "ball", "period": 0.2, "max_period": 0.3}
     assert sampled_text(proved).endswith("proof: ball; certified at 0.3 s")
+
+
+def test_the_package_is_the_command_too():
+    done = subprocess.run(
+        [sys.executable, "-m", "lockstep", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("lockstep ")
+    usage = subprocess.run(
+        [sys.executable, "-m", "lockstep", "--help"], capture_output=True, text=True, check=True
+    )
+    assert "Usage: lockstep" in usage.stdout or "Usage: python -m lockstep" in usage.stdout

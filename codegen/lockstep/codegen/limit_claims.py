@@ -1,4 +1,4 @@
-"""What can be claimed of the limits of a design's inputs, with its witnesses."""
+"""What can be claimed of the limits of a design's inputs, with its witnesses, and what noise of sensors does to inputs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +17,7 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.half_axes import half_axes
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.saturation import largest_clipped_radius
+from lockstep.lmi.sampled.sensor_noise import noise_to_inputs
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.plausibility import initial_deviations
 
@@ -91,3 +92,17 @@ def _known(
 ) -> tuple[float, T] | None:
     """Return what a file states, and its witness, if it proves that; else None."""
     return (claimed, witness) if claimed and witness is not None and proves(witness, claimed) else None
+
+
+def noise_on_inputs(stored: Stored) -> str:
+    """Return how far noise of each output moves each input, computed; nothing of loops that are not assembled."""
+    problem, agent = stored.problem, stored.problem.agent()
+    if problem.spectrum is not None or problem.sizes.N * (problem.sizes.n + problem.sizes.n_C) > MOST_STATES:
+        return ""
+    controllers = sampled_controllers(stored, problem.controller.period)
+    found = noise_to_inputs(sampled_network(stored), controllers)
+    names = [name for name, _ in problem.file.agent.outputs]
+    if found is None:
+        return ""
+    per = [", ".join(f"{x:.3g} per {y}" for x, y in zip(row, names, strict=True)) for row in found]
+    return "; ".join(f"{u}: {said}" for u, said in zip(agent.inputs, per, strict=True))

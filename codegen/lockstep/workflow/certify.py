@@ -179,15 +179,11 @@ def _sampled(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
     longest = claims.max_period if verdict.proves("max_period") else None
     shown = SampledClaims(max_period=longest)
     if certified:
-        named = (
-            ("rho", "sampled_rho"),
-            ("radius", "limits"),
-            ("half_axes", "limits"),
-            ("limits_gain",) * 2,
-            ("clipped_radius", "clipped"),
-            ("clipped_half_axes", "clipped"),
-        )
-        lost: dict[str, Any] = {key: None for key, name in named if not verdict.proves(name)}
+        named = {"sampled_rho": ["rho"], "limits": ["radius", "half_axes"], "limits_gain": ["limits_gain"]}
+        named["clipped"] = ["clipped_radius", "clipped_half_axes"]
+        lost: dict[str, Any] = {
+            key: None for name in named if not verdict.proves(name) for key in named[name]
+        }
         shown = replace(claims, certified=True, max_period=longest or table.period, **lost)
     made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
     reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED

@@ -309,6 +309,8 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _open(found: DesignVerdict) -> Iterator[Statement]:
+    from lockstep.codegen.limit_claims import noise_on_inputs
+
     answer, problem = found.answer, found.design.problem
     claimed = found.verdict.failed
     if claimed is not None and (claimed != "sampled" or found.design.stored.claims.sampled.certified):
@@ -338,6 +340,13 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "not claimed",
             "Nothing is proved of when an actuator saturates: smaller gains (`order = 0` where it is higher, a lower"
             " `gain_limit`), or states counted in units in which they are of size one, may change that.",
+        )
+    if found.sampled.get("certified") is True and (shown := noise_on_inputs(found.design.stored)):
+        yield Statement(
+            "sensor noise",
+            shown,
+            "Root mean square of an input per standard deviation of the noise of an output at each reading, of the agent that"
+            " it moves most, near agreement: computed of the linear part.",
         )
     moving = "".join(f"; {row.figure}, a leader too" for row in unstable_alone(problem))
     deaf = np.flatnonzero(problem.graph().in_degrees == 0)

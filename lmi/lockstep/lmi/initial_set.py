@@ -116,23 +116,11 @@ def initial_set(
     energy = rounded_down(Fraction(level) / Fraction(certificate.rho) ** 2)
     if not all(0 < figure < math.inf for figure in (level, radius, energy)):
         return Unavailable("its figures are beyond the range of doubles")
-    a = largest_half_axes(
-        as_floats(squared_distance(network)), as_floats(P), level, np.zeros((1, len(states))), radius
-    )
-    axes = a if a and holds_ball(network, certificate, Fraction(level), a) else None
-    return InitialStates(
-        network.graph.roots[0],
-        domain.box,
-        inner,
-        level,
-        radius,
-        energy,
-        axes,
-        i + 1,
-        j + 1,
-        arguments,
-        states,
-    )
+    D, nowhere = as_floats(squared_distance(network)), np.zeros((1, len(states)))
+    a = largest_half_axes(D, as_floats(P), level, nowhere, radius)
+    figures = level, radius, energy, a if a and holds_ball(network, certificate, Fraction(level), a) else None
+    first = i + 1, j + 1
+    return InitialStates(network.graph.roots[0], domain.box, inner, *figures, *first, arguments, states)
 
 
 def _ratio_above(P: Matrix, D: Matrix) -> Fraction:

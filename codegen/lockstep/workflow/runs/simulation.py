@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.lmi.analysis.decimals import below
+from lockstep.lmi.sampled.half_axes import multiple
 from lockstep.model.html_table import html_table
 from lockstep.model.simulation.divergence import left_domain
 from lockstep.workflow.design_file import Design
@@ -126,7 +127,7 @@ class Simulation:
     def rows(self) -> dict[str, str]:
         """Return what is to be told of the run, for people, by a word for each."""
         trajectory, found, problem = self.trajectory, self.measured, self.design.problem
-        agent, start = problem.agent(), float(trajectory.disagreement()[0])
+        agent = problem.agent()
         table = problem.simulation.disturbance
         drawn = self.disturbance in ("noise", "sine", "step")
         scaled = " in the scales of [design.disturbances]" * found.scaled
@@ -160,11 +161,12 @@ class Simulation:
                 nodes = f"`--campaign 100 --faults {faults} -o DIR`"
                 told["messages"] = f"each arrives in time in this run; the nodes on such a network: {nodes}"
         claimed = self.design.stored.claims.initial_set
-        if claimed is not None and start > claimed.radius:
-            told["initial states"] = (
-                f"{start:.4g} from agreement; that all agents stay in their domain is proved from {below(claimed.radius)},"
-                " of the continuous controllers"
-            )
+        away, covered = trajectory.errors()[0], 0.0
+        if claimed is not None and len(away) == self.agents:  # of many a record has a few
+            covered = multiple(claimed.radius, claimed.half_axes, away)
+        if 0 < covered < 1:
+            said = "that all agents stay in their domain is proved, of the continuous controllers, from"
+            told["initial states"] = f"{said} {below(covered, 3)} times this start"
         if problem.reference is not None:
             moved = ", ".join(
                 f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()

@@ -74,6 +74,7 @@ class Problem:
         if self.spectrum is None:  # else the run says how many agents there are
             given = self._graph.agents, self._agent.states, self.controller.period
             amplitudes(self.simulation.disturbance, *given)
+            _ = self.sensor_noise
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Problem":
@@ -357,6 +358,17 @@ class Problem:
     def output_range(self) -> dict[str, tuple[float | None, float | None]]:
         """Lowest and highest plausible value by output, where one is given: messages beyond are refused."""
         return output_ranges(self.file.agent)
+
+    @property
+    def sensor_noise(self) -> Float[np.ndarray, " q"]:
+        """The standard deviation of the noise of each output at each reading of a run; nothing where there is none.
+
+        Raises:
+            ProblemError: a name that is no output.
+        """
+        channel, names = self.simulation.channel, [name for name, _ in self.file.agent.outputs]
+        given = None if channel is None else channel.noise
+        return scale_of_each(given, names, where="[simulation.channel] noise", per="output")
 
     def initial_states(self, seed: int | None = None) -> Float[np.ndarray, "N n"]:
         """Return the states the simulation starts from, one row per agent; the seed is by default that of the file."""

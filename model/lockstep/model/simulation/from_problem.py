@@ -62,7 +62,8 @@ def scenario_of(problem: Problem, changes: Changes | None = None, *, sampled: bo
     step = step_of(problem, horizon, held=sampled and given.kind in ("none", "noise"))
     errors = _of_kind(table.perturbation or PerturbationTable(), changes.perturbation, "--perturbation")
     perturbation = _perturbation(errors, problem, seed, horizon)
-    channel = replace(channel_of(table.channel, seed), change=changes.change)
+    noise = tuple(problem.sensor_noise)
+    channel = replace(channel_of(table.channel, seed), change=changes.change, noise=noise)
     found = "gain errors, but the controllers are sampled"
     expected = "continuous controllers: (11) is about their gains"
     remedy = "use --controllers continuous"

@@ -25,7 +25,8 @@ class MessageChannel:
     """delay: whole periods;  drop: the probability that a message is lost, each by itself;  seed: of the losses.
 
     bits, full_scale: outputs are rounded to multiples of full_scale / 2^(bits - 1) and clipped to +-full_scale, as a
-    converter of so many bits does;  real: outputs are rounded to this type first;  change: c; None: all is sent.
+    converter of so many bits does;  real: outputs are rounded to this type first;  change: c; None: all is sent;  noise: the
+    standard deviation of what each reading of an output is off, Gaussian, independent from agent to agent and in time.
     """
 
     delay: int = 0
@@ -35,6 +36,7 @@ class MessageChannel:
     full_scale: float = 10.0
     real: Literal["float32", "float64"] = "float64"
     change: float | None = None
+    noise: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         where = "channel"
@@ -50,7 +52,9 @@ class MessageChannel:
     @property
     def is_ideal(self) -> bool:
         """Whether everything arrives at once, as it was sent."""
-        untouched = self.bits is None and self.real == "float64" and self.change is None
+        untouched = (
+            self.bits is None and self.real == "float64" and self.change is None and not any(self.noise)
+        )
         return not self.delay and not self.drop and untouched
 
     def quantised(self, y: Float[np.ndarray, "N q"]) -> Float[np.ndarray, "N q"]:

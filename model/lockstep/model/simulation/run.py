@@ -146,6 +146,7 @@ class _Program:
         self._C, self._all, self._channel = network.agent.lure.C, controllers, scenario.channel
         edges = sum(len(heard) for heard in controllers.sources)
         self._arrivals = iter(self._channel.arrivals(periods, edges))
+        self._drawn = np.random.default_rng((self._channel.seed, 1))
         self._sent: list[tuple[np.ndarray, np.ndarray]] = []
         self.senders = Senders(controllers.sources, self._channel.change)
         self._pending = np.zeros((network.N, network.agent.m))
@@ -160,7 +161,7 @@ class _Program:
         """Sample, exchange, step; return the inputs that act from now on."""
         real = np.dtype(self._all.real)
         with np.errstate(over="ignore", under="ignore"):
-            y = self._channel.quantised(x @ self._C.T).astype(real)
+            y = self._channel.quantised(x @ self._C.T + self._noise()).astype(real)
         self._sent = [*self._sent, (y, self.senders.sends(y))][-1 - self._channel.delay :]
         # a message of `delay` periods ago: there is none in the first periods
         heard, there = self._sent[0] if len(self._sent) > self._channel.delay else (None, None)
@@ -177,6 +178,10 @@ class _Program:
         fresh = np.array(u)
         applied, self._pending = (self._pending, fresh) if self._all.delay else (fresh, fresh)
         return applied
+
+    def _noise(self) -> Float[np.ndarray, "N q"] | float:
+        noise = self._channel.noise
+        return np.array(noise) * self._drawn.standard_normal((self._all.N, len(noise))) if any(noise) else 0.0
 
 
 def _mask(here: Bool[np.ndarray, " nn"]) -> int:

@@ -332,8 +332,11 @@ class PerturbationTable(ProblemTable):
 
 
 class ChannelTable(ProblemTable):
-    """[simulation.channel]: what happens to messages between sampled controllers."""
+    """[simulation.channel]: what happens to measurements and messages of sampled controllers."""
 
+    noise: Scales = _optional(
+        "a standard deviation, 0 or more, of Gaussian noise at each reading, for all outputs or by output"
+    )
     delay: int = Field(default=0, ge=0, le=1000, description="a whole number of periods from 0 to 1000")
     drop: float = Field(default=0.0, ge=0, le=1, description="a probability from 0 to 1")
     bits: int | None = _optional("a whole number of bits from 2 to 53", ge=2, le=53)
