@@ -57,11 +57,13 @@ def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
         "with saturation"
     ]
     assert apart == "agreement from |x_d(0)| <= 1.9, 3.8 times the start in the file, controllers at rest"
-    axes = {"clipped_radius": 1.9, "clipped_half_axes": {"x": 80.0, "v": 0.5}, "clipped_times_start": 0.71}
+    axes = {
+        "clipped_radius": 1.9,
+        "clipped_text": "sum (...), a = 80 m (x), 0.5 (v)",
+        "clipped_times_start": 0.71,
+    }
     said = proved_besides({**of, "limits": axes})["with saturation"]
-    assert said.startswith(
-        "agreement from |x_d(0)| <= 1.9 and from sum (x_d/a)^2 <= 1, a = 80 (x), 0.5 (v), 0.71 times"
-    )
+    assert said.startswith("agreement from |x_d(0)| <= 1.9, or sum (...), a = 80 m (x), 0.5 (v), 0.71 times")
     assert "(from there nothing is proved)" in said
     assert not proved_besides(of, lambda claim: claim != "clipped")
     static = proved_besides({**of, "gains": [{"A": []}]})["with saturation"]

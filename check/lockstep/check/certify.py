@@ -129,7 +129,7 @@ def decide(stored: CheckedFile, folder: Path | None = None) -> Verdicts:
     if proofs.floor is not None:
         yield "floor", continuous.decide_floor(network, claim, proofs.floor)
     if claims.initial_set is not None:
-        yield "initial_set", _initial_set(stored, network, Domain(agent.H, problem.box), claim)
+        yield "initial_set", _initial_set(stored, network, Domain(agent.H, problem.box, agent.states), claim)
     yield from _sampled(stored, network, folder)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from lockstep.check.continuous.decide import decide
 from lockstep.check.continuous.inequality import Certificate, Claim
-from lockstep.check.continuous.initial_set import Domain, InitialSet, better_than_proved, box_text
+from lockstep.check.continuous.initial_set import Domain, InitialSet, axes_text, better_than_proved, box_text
 from lockstep.check.continuous.modes import ModalCertificate, decide_modes
 from lockstep.check.continuous.stability import is_stable, is_stable_step
 from lockstep.check.floor.witness import FloorWitness, proves_floor
@@ -82,6 +82,7 @@ def decide_initial_set(
     found = better_than_proved(network, certificate, domain, claimed)
     if found is None:
         inside, radius = box_text(claimed.inner), f"|x_d(0)| <= {claimed.radius:.10g}"
+        radius += f", or {axes_text(claimed.half_axes, domain.states)}" if claimed.half_axes else ""
         alone = f"while agent {claimed.leader} moves by itself, without a command of its own, and stays in {inside}"
         said = f"{alone}, all stay in their domain and agree from {radius}"
         return Verdict("proved", said)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from lockstep.check.continuous.initial_set import axes_text
 from lockstep.check.sampled.controller import HeldController
 from lockstep.check.sampled.inputs.input_limits import Radius, proves_gain, proves_radius
 from lockstep.check.sampled.inputs.saturation import proves_clipped_radius
@@ -27,13 +28,13 @@ def decide_limits(
         yield "limits", Verdict("undecided", "something is claimed of limits, but [agent.limits] names none")
         return
     at, weights = sampled_network(stored, network, stored.problem.period), stored.problem.performance
-    plain = sampled_loop(at, held)
+    plain, states = sampled_loop(at, held), stored.problem.agent.states
     timely = "every message in time, " + "all agents in their domain, " * (stored.claims.scope != "global")
     calm = f"{timely}no input meets its limit"
     if kept:
         w = proofs.radius
         holds = None if w is None else proves_radius(plain, w, limits, *kept)
-        yield "limits", Verdict.of(f"{_starts(kept)}, {calm}", holds)
+        yield "limits", Verdict.of(f"{_starts(kept, states)}, {calm}", holds)
     if gain is not None:
         w, noisy = proofs.limits_gain, sampled_loop(at, held, weights.outputs)
         holds = None if w is None else proves_gain(noisy, w, limits, weights, gain)
@@ -45,14 +46,9 @@ def decide_limits(
         c = proofs.clipped
         holds = None if c is None else proves_clipped_radius(plain, c, limits, *clipped)
         said = f"{timely}the loop converges with its inputs clipped"
-        yield "clipped", Verdict.of(f"{_starts(clipped)}, {said}", holds)
+        yield "clipped", Verdict.of(f"{_starts(clipped, states)}, {said}", holds)
 
 
-def _starts(radii: Sequence[Radius]) -> str:
-    sets = (
-        f"|x_d(0)| <= {one:g}"
-        if isinstance(one, float)
-        else f"sum ((x_ik(0) - mean_k) / a_k)^2 <= 1 with a = ({', '.join(f'{a:g}' for a in one)})"
-        for one in radii
-    )
-    return f"from {' and from '.join(sets)}, controllers at rest"
+def _starts(radii: Sequence[Radius], states: Sequence[str]) -> str:
+    sets = (f"|x_d(0)| <= {one:g}" if isinstance(one, float) else axes_text(one, states) for one in radii)
+    return f"from {', or '.join(sets)}, controllers at rest"

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
-from lockstep.model.agents.arguments import axes_text, units_text
+from lockstep.model.agents.arguments import units_text
 from lockstep.model.problem.tables.toml_text import value_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
@@ -105,7 +105,8 @@ def proved_besides(
     floor, decay, C = content.get("floor"), content.get("decay"), any(one["A"] for one in content["gains"])
     stable = "yes, each by itself" * bool(content.get("controllers_stable") and C)
     sought = content.get("method") == "certified" and not content["figures"].get("interrupted")
-    limits = content.get("limits") or {}
+    limits, rest = content.get("limits") or {}, ", controllers at rest" * C
+    rest += ", while every agent stays in its domain" * (content.get("scope") == "local")
     clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
@@ -115,25 +116,24 @@ def proved_besides(
         "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
         "decay": ("convergence", decay and CONVERGES.format(decay)),
         "controllers_stable": ("controllers stable", stable),
-        "limits": ("no saturation", _within("from", limits, "", clips, C)),
-        "clipped": ("with saturation", _within("agreement from", limits, "clipped_", NOTHING, C)),
+        "limits": ("no saturation", _within("from", limits, "", clips, rest)),
+        "clipped": ("with saturation", _within("agreement from", limits, "clipped_", NOTHING, rest)),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
 
-def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, states: bool) -> str:
+def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, rest: str) -> str:
     """Set a distance from agreement, and an ellipsoid in the units of the states, beside the start in the file.
 
-    >>> _within("from", {"radius": 1.0, "start": 4.0, "times_start": 0.25}, "", "unknown", states=True)
+    >>> _within("from", {"radius": 1.0, "start": 4.0, "times_start": 0.25}, "", "unknown", ", controllers at rest")
     'from |x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
     """
-    if (radius := limits.get(f"{of}radius")) is None:
+    radius, axes, times = (limits.get(f"{of}{key}") for key in ("radius", "text", "times_start"))
+    if not (sets := [one for one in (radius and f"|x_d(0)| <= {radius:.6g}", axes) if one]):
         return ""
-    axes, times = limits.get(f"{of}half_axes"), limits.get(f"{of}times_start")
-    more = f" and from {axes_text(axes.items())}" if axes else ""
     start = f", {times:g} times the start in the file" if times else ""
     outside = f" (from there {beyond})" if times and times < 1 else ""
-    return f"{said} |x_d(0)| <= {radius:.6g}{more}{start}{outside}{', controllers at rest' * states}"
+    return f"{said} {', or '.join(sets)}{start}{outside}{rest}"
 
 
 def summary(content: Mapping[str, Any]) -> RenderableType:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.initial_set import axes_text
 from lockstep.check.design_file.fixed_point import FixedClaims
 from lockstep.check.errors import ProblemError, demand
 from lockstep.check.sampled.controller import PRECISIONS
@@ -22,7 +23,6 @@ from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
-from lockstep.model.agents.arguments import axes_text
 
 NAMED = "_controllers"
 """What the name of a folder ends with, which is that of its umbrella header: `lockstep-check` reads no other."""
@@ -261,7 +261,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     found: dict[str, str | None] = {"limits": None}
 
     def start(radius: float, axes: Sequence[float] | None) -> str:
-        more = f", or of {axes_text(zip(agent.states, axes, strict=True), agent.units)}" if axes else ""
+        more = f", or from {axes_text(axes, agent.states, agent.units)}" if axes else ""
         return f"from a disagreement of at most {radius:g}{more}"
 
     if claims.radius is not None:

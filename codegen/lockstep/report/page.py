@@ -118,14 +118,16 @@ def _run(facts: Facts) -> dict[str, Any] | None:
     run = facts.trajectory
     if run is None:
         return None
-    distance = run.disagreement()
+    units, apart = facts.problem.agent().units, run.disagreement_by_state()
     rows = zip(indices(run), effort_indices(run), np.abs(run.u).max(axis=(0, 2)), strict=True)
     return {
         "horizon": run.t[-1],
         "disturbance": _disturbance(facts),
         "whole": run.t[-1] >= facts.problem.simulation.horizon * (1 - 1e-9),
-        "start": distance[0],
-        "end": distance[-1],
+        "apart": ", ".join(
+            f"{name} from {a:.3g} to {b:.3g} {units.get(name, '')}".rstrip()
+            for name, a, b in zip(run.state_names, apart[0], apart[-1], strict=True)
+        ),
         "rows": [
             (f"{run.agent}{i}", one, effort, peak)
             for i, (one, effort, peak) in enumerate(list(rows)[:MOST_AGENTS], start=1)

@@ -164,7 +164,9 @@ def _initial_set(design: Design) -> dict[str, Any]:
     if claimed is None:
         return Unavailable(UNCLAIMED).document()
     agent = design.problem.agent()
-    named = InitialStates(**vars(claimed) | {"arguments": arguments_text(agent), "states": agent.states})
+    named = InitialStates(
+        **vars(claimed) | {"arguments": arguments_text(agent), "states": agent.states, "units": agent.units}
+    )
     return named.document()
 
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from lockstep.check.continuous.initial_set import axes_text
 from lockstep.lmi.analysis.decimals import above, below
 from lockstep.lmi.initial_set import sampled_rate
-from lockstep.model.agents.arguments import axes_text
 from lockstep.model.checks.plausibility import unstable_alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design_file import Design
@@ -244,7 +244,7 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         limits = ", ".join(f"|{name}| <= {limit:g}" for name, limit in _limits(found.design))
         inside = ", while every agent stays in its domain" if found.verdict.scope == "local" else ""
         agent, a = found.design.problem.agent(), sampled.get("half_axes")
-        axes = f", or of {axes_text(zip(agent.states, a, strict=True), agent.units)}" if a else ""
+        axes = f", or from {axes_text(a, agent.states, agent.units)}" if a else ""
         yield Statement(
             "no saturation",
             f"{radius:.4g}",

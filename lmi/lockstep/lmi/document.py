@@ -12,12 +12,11 @@ from lockstep.check.continuous.inequality import Claim
 from lockstep.check.continuous.initial_set import InitialSet
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.design_file import content as design_file
-from lockstep.check.design_file.claims import Claims, SampledClaims, Scales
+from lockstep.check.design_file.claims import Claims, Scales
 from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.json_text import load_json
 from lockstep.check.system.domain import claimed_box
-from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.design_json import (
     claims_document,
     file_document,
@@ -28,11 +27,10 @@ from lockstep.lmi.design_json import (
 from lockstep.lmi.diagnosis.open_loop import part_of_states
 from lockstep.lmi.initial_set import InitialStates, sampled_rate
 from lockstep.lmi.proposal import Proposal
-from lockstep.lmi.sampled.half_axes import multiple
+from lockstep.lmi.sampled.half_axes import limits_answer
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
 from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound, slopes_of
-from lockstep.model.checks.plausibility import initial_deviations
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
 
@@ -127,7 +125,7 @@ def answer_document(stored: Stored) -> dict[str, Any]:
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
         agent = stored.problem.agent()
-        text = {"arguments": arguments_text(agent), "states": agent.states}
+        text = {"arguments": arguments_text(agent), "states": agent.states, "units": agent.units}
         initial |= InitialStates(**vars(claims.initial_set) | text).document()
     return {
         "title": stored.problem.title,
@@ -137,7 +135,7 @@ def answer_document(stored: Stored) -> dict[str, Any]:
         "entries": [one | {"slope": slope} for one, slope in zip(claimed["entries"], slopes, strict=True)],
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
-        **({"limits": limits} if (limits := _limits(claims.sampled, stored.problem)) else {}),
+        **({"limits": limits} if (limits := limits_answer(claims.sampled, stored.problem)) else {}),
         **graph_answer(stored),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),
@@ -153,23 +151,6 @@ def graph_answer(stored: Stored) -> dict[str, Any]:
         return {"graph_proof": "exact"} if isinstance(stored.proofs.certificate, ModalCertificate) else {}
     said = {"spectrum": [spectrum.lower, spectrum.upper], "max_degree": spectrum.neighbours}
     return said | ({"graph_proof": known["graph_proof"]} if "graph_proof" in known else {})
-
-
-def _limits(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
-    """Return what is claimed of limits, |x_d(0)| of the start in the file, and how many times that start is covered."""
-    sets = {
-        "": (claims.radius, claims.half_axes),
-        "clipped_": (claims.clipped_radius, claims.clipped_half_axes),
-    }
-    found: dict[str, Any] = {"gain": claims.limits_gain}
-    away, states = initial_deviations(problem), problem.file.agent.states
-    for name, (radius, axes) in sets.items():
-        found |= {f"{name}radius": radius, f"{name}half_axes": axes and dict(zip(states, axes, strict=True))}
-        found[f"{name}times_start"] = round_down(multiple(radius, axes, away), 3) or None
-    found = {key: one for key, one in found.items() if one is not None}
-    if found and away is not None:
-        found["start"] = float(np.linalg.norm(away))
-    return found
 
 
 def sampled_answer(stored: Stored) -> dict[str, Any]:

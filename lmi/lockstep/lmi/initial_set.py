@@ -2,7 +2,8 @@
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.continuous.initial_set import (
     Domain,
     InitialSet,
+    axes_text,
     box_text,
     holds_ball,
     largest_level,
@@ -28,7 +30,6 @@ from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.analysis.decimals import below, round_down
 from lockstep.lmi.design_json import initial_set_document
 from lockstep.lmi.sampled.half_axes import largest_half_axes
-from lockstep.model.agents.arguments import axes_text
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,21 @@ class InitialStates(InitialSet):
     """A set of initial states, and what people are told of it beyond the claim.
 
     agent, argument: which v_j, from 1, of which agent would reach a side first, 0 where it is not known;  arguments: what
-    v_1, v_2, ... are, in the names of the states, which are the others.
+    v_1, v_2, ... are, in the names of the states, which are the others, and have units.
     """
 
     agent: int = 0
     argument: int = 0
     arguments: str = ""
     states: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def text(self) -> str:
         """Return what this says to people."""
         named = (one.split(" = ") for one in self.arguments.split(", "))
         names = {one[0]: one[1] for one in named if len(one) == 2 and "..." not in one[1]}
         inside = re.sub(r"\bv\d+\b", lambda found: names.get(found[0], found[0]), box_text(self.inner))
-        known = zip(self.states, self.half_axes or (), strict=False)
-        axes = f" or {axes_text(known)}," if self.half_axes else ""
+        axes = f", or {axes_text(self.half_axes, self.states, self.units)}," if self.half_axes else ""
         return (
             f"agent {self.leader} leads. While it moves by itself, with no command of its own, and stays in {inside}, every "
             f"agent stays in its domain, and all agree, "
@@ -95,6 +96,7 @@ def initial_set(
     inner: Box,
     arguments: str,
     states: tuple[str, ...],
+    units: Mapping[str, str],
 ) -> InitialStates | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 
@@ -102,7 +104,7 @@ def initial_set(
         network: the agents and the graph.
         certificate: decided for the bound that was proved on the domain.
         domain: the box;  inner: the part of it that the leader is to stay in.
-        arguments: what v_1, v_2, ... are, in the names of the states;  states: these.
+        arguments: what v_1, v_2, ... are, in the names of the states;  states, units: of these.
 
     Raises:
         ProblemError: an inner box that is not inside the box on every side, or a P that does not fit the network.
@@ -120,7 +122,9 @@ def initial_set(
     a = largest_half_axes(D, as_floats(P), level, nowhere, radius)
     figures = level, radius, energy, a if a and holds_ball(network, certificate, Fraction(level), a) else None
     first = i + 1, j + 1
-    return InitialStates(network.graph.roots[0], domain.box, inner, *figures, *first, arguments, states)
+    return InitialStates(
+        network.graph.roots[0], domain.box, inner, *figures, *first, arguments, states, units
+    )
 
 
 def _ratio_above(P: Matrix, D: Matrix) -> Fraction:

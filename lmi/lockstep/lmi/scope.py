@@ -79,4 +79,6 @@ def initial_states(
     domain = domain_of(network.agent)
     inner = inner_box(domain.box, fraction) if inner is None else inner
     agent = network.agent
-    return initial_set(network.matrices, certificate, domain, inner, arguments_text(agent), agent.states)
+    return initial_set(
+        network.matrices, certificate, domain, inner, arguments_text(agent), agent.states, agent.units
+    )

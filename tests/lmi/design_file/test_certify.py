@@ -208,13 +208,11 @@ def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None
     assert not verdict(larger).certified
     # The ball by its half-axes, which are the radius.
     alike = [led["claims"]["initial_set"]["radius"]] * 2
-    for half_axes, holds in (
-        (alike, True),
-        ([1.01 * one for one in alike], False),
-        (alike * 2, False),
-        ([], False),
-    ):
+    for half_axes, holds in ((alike, True), ([1.01 * one for one in alike], False)):
         assert verdict(changed(led, ("claims", "initial_set", "half_axes"), half_axes)).certified == holds
+    for wrong in (alike * 2, alike[:1], []):
+        with pytest.raises(ProblemError, match=f"{len(wrong)} half-axes; expected 2, one per state"):
+            verdict(changed(led, ("claims", "initial_set", "half_axes"), wrong))
     assert not verdict(both).proves("initial_set")
     assert not verdict(file_of(pendulum())).proves("initial_set")
 

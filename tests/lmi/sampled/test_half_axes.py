@@ -14,7 +14,7 @@ from lockstep.check.sampled.inequality import metric
 from lockstep.check.sampled.inputs.input_limits import proves_radius
 from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
 from lockstep.check.sampled.loop import sampled_loop
-from lockstep.lmi.sampled.half_axes import PART, WORTH, largest_half_axes, multiple
+from lockstep.lmi.sampled.half_axes import SHARE, largest_half_axes, multiple
 from lockstep.lmi.sampled.input_limits import largest_radius
 
 LIMITS, UNITS = np.array([1.0]), 2.0 ** np.array([10, -7, 3, 0])
@@ -96,18 +96,24 @@ def test_what_are_no_half_axes():
 
 
 def test_an_ellipsoid_inside_another_by_hand():
-    """x_d of two agents, K = I, P = diag(4, 1/4), c = 1: V <= 1 has the half-axes 1/2 and 2."""
+    """x_d of two agents, K = I, P = diag(4, 1/4), c = 1: V <= 1 is that ellipsoid itself, whatever the start."""
     K, P = np.eye(2), np.diag([4.0, 0.25])
-    alone = largest_half_axes(K, P, 1.0, np.zeros((1, 2)), 0.5)
-    assert np.array(alone) == pytest.approx([0.5, 2.0], rel=0.01), (
-        "three decimals, rounded down, of 0.995 of them"
-    )
-    start = np.array([[0.0, 3.0], [0.0, -3.0]])
-    first, second = largest_half_axes(K, P, 1.0, start, 0.5)
-    assert second == pytest.approx(2 * PART, rel=0.01)
-    assert first == pytest.approx(0.5, rel=0.01)
-    assert multiple(None, (first, second), start) == pytest.approx(second / 18**0.5)
-    assert largest_half_axes(K, np.eye(2), 1.0, start, 1.0) is None, f"it adds less than {WORTH} times"
+    for away in ([[0.0, 0.0]], [[0.0, 3.0], [0.0, -3.0]], [[1.0, 1.0], [-1.0, -1.0]]):
+        found = largest_half_axes(K, P, 1.0, np.array(away), 0.1)
+        assert np.array(found) == pytest.approx([0.5, 2.0], rel=0.015), "0.995 of them, rounded down"
+    assert largest_half_axes(K, np.eye(2), 1.0, np.zeros((1, 2)), 1.0) is None, "it is the ball"
+    some = multiple(None, (0.5, 2.0), np.array([[0.0, 3.0], [0.0, -3.0]]))
+    assert some == pytest.approx(2 / 18**0.5)
+
+
+def test_half_axes_are_of_the_start():
+    """P = [[2, -1], [-1, 2]]: b_1, b_2 with (b_1 - 2)(b_2 - 2) = 1, of least sum of w_k b_k: (b_k - 2)^2 = w_j / w_k."""
+    K, P = np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]])
+    start = np.array([[0.5, 0.25], [-0.5, -0.25]])
+    share = np.array([0.5, 0.125]) * 2
+    w = SHARE + share / share.sum()  # alone, each state has a half-axis of 2^-1/2
+    expected = (2 + (w[::-1] / w) ** 0.5) ** -0.5
+    assert np.array(largest_half_axes(K, P, 1.0, start, 0.01)) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_claim_of_half_axes_is_a_list_of_numbers_above_zero():

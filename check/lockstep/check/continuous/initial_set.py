@@ -35,7 +35,7 @@ are looked for elsewhere. The certificate itself is taken as decided (`decide`).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated
@@ -55,10 +55,11 @@ from lockstep.check.system.network import ExactNetwork
 
 @dataclass(frozen=True)
 class Domain:
-    """Where a bound was proved: H (v, n), not scaled, and the box of v = H x of every agent."""
+    """Where a bound was proved: H (v, n), not scaled, the box of v = H x of every agent, and the names of x."""
 
     H: Annotated[np.ndarray, "v n"]
     box: Box
+    states: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -98,17 +99,19 @@ def better_than_proved(
     for name, most in (("level", c), ("energy", c / Fraction(certificate.rho) ** 2)):
         if Fraction(own := getattr(claimed, name)) > most:
             return f"the {name} is {own:.10g}, which is more than is proved"
-    if not holds_ball(network, certificate, c, (claimed.radius,)):
+    if not holds_ball(network, certificate, c, claimed.radius):
         return f"the radius is {claimed.radius:.10g}, which is more than is proved"
     if claimed.half_axes is not None and not holds_ball(network, certificate, c, claimed.half_axes):
         return f"the half-axes are {claimed.half_axes}, which is more than is proved"
     return None
 
 
-def holds_ball(network: ExactNetwork, certificate: Certificate, c: Fraction, radii: Sequence[float]) -> bool:
+def holds_ball(
+    network: ExactNetwork, certificate: Certificate, c: Fraction, radii: float | Sequence[float]
+) -> bool:
     """Decide whether x_d' P x_d <= c wherever sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1, a the radius or its n half-axes."""
     P = on_disagreement(network, certificate)
-    if len(radii) not in (1, len(network.plant.A)):
+    if np.shape(radii) not in ((), (len(network.plant.A),)):
         return False
     a, ratio = exactly(np.resize(radii, len(P))), fmpq(c.numerator, c.denominator)
     return decide_positive_definite(ratio * squared_distance(network) / np.outer(a, a) - P).positive
@@ -229,6 +232,19 @@ def squared_distance(network: ExactNetwork) -> Matrix:
     """Return (T T')^-1 (x) I, with x_d' ((T T')^-1 (x) I) x_d = sum_i |x_i - mean|^2, in rationals."""
     d = disagreement(network.graph, network.coordinates, exact_arithmetic=True)
     return d.squared_distance(len(network.plant.A))
+
+
+def axes_text(
+    half_axes: Sequence[float], states: Sequence[str], units: Mapping[str, str] | None = None
+) -> str:
+    """Return an ellipsoid of disagreements, x_i - mean of all x_j, with each half-axis, its unit, and its state.
+
+    >>> axes_text((80.0, 0.06), ("x", "v"), {"x": "m"})
+    'sum over agents and states of ((x - mean)/a)^2 <= 1, a = 80 m (x), 0.06 (v)'
+    """
+    known = {name: f" {unit}" for name, unit in (units or {}).items() if unit != "1"}
+    sizes = (f"{a:g}{known.get(name, '')} ({name})" for a, name in zip(half_axes, states, strict=True))
+    return f"sum over agents and states of ((x - mean)/a)^2 <= 1, a = {', '.join(sizes)}"
 
 
 def box_text(box: Box) -> str:

@@ -55,11 +55,9 @@ def _with_proof(kind: type[T], proof: str, value: Any, where: str) -> T:
 
 
 _ENTRY = read.made(Entry, {"component": read.position, "argument": read.position, "bound": read.not_negative})
-_FIGURES = dict.fromkeys(("level", "radius", "energy"), read.above_zero)
 _AXES = read.or_none(partial(read.each, read=read.above_zero))
-_INITIAL_SET = read.made(
-    InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **_FIGURES, "half_axes": _AXES}
-)
+_FIGURES = {**dict.fromkeys(("level", "radius", "energy"), read.above_zero), "half_axes": _AXES}
+_INITIAL_SET = read.made(InitialSet, {"leader": read.whole(1), "box": _box, "inner": _box, **_FIGURES})
 _ROUNDING = partial(read.each, read=_by_letter, name="agent")
 
 

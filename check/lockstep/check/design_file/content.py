@@ -45,8 +45,11 @@ class DesignFile(Generic[P]):
 
     def __post_init__(self) -> None:
         """Check that the parts belong together."""
-        N = self.problem.sizes.N
-        demand(self.gains.N == N, f"gains for {self.gains.N} agents", "gains", f"{N}")
+        sizes, sampled, initial = self.problem.sizes, self.claims.sampled, self.claims.initial_set
+        demand(self.gains.N == sizes.N, f"gains for {self.gains.N} agents", "gains", f"{sizes.N}")
+        for axes in (sampled.half_axes, sampled.clipped_half_axes, initial.half_axes if initial else None):
+            if axes is not None:
+                demand(len(axes) == sizes.n, f"{len(axes)} half-axes", "claims", f"{sizes.n}, one per state")
         for name, witness in (("rho", self.proofs.certificate), ("floor", self.proofs.floor)):
             if witness is not None:
                 claimed, found = getattr(self.claims, name), f"a witness of {name} = {witness.rho}"

@@ -6,28 +6,35 @@ a witness and L L' = (T T')^-1,
     sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1   lies in   V <= c   where   lambda_max(A S A) <= c,   A = I (x) diag(a),
     S = (L^-1 (x) I) P_d (L^-1 (x) I)'.
 
-Where the problem names a start, a is first in proportion to how far apart it has the states; a state in which it has all
-agents alike gets what the last tenth leaves. Without one, a is in proportion to what V <= c allows each state alone.
+That is linear in b_k = a_k^-2, and sum_k w_k b_k is the least where, with w_k = sum_i (x_ik(0) - mean_k)^2, the start in the
+file is covered most times. A state that counts for nothing there would be left no room: each has a small w_k besides, in the
+unit of what V <= c allows it alone. Without a start all count alike.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.continuous.initial_set import axes_text
+from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.inputs.input_limits import level, reaches, seen_columns
 from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.loop import SampledLoop
+from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.analysis.decimals import round_down
+from lockstep.model.checks.plausibility import initial_deviations
+from lockstep.model.problem import Problem
 
-PART = 0.9
-"""Of the start's multiple, where some states are alike at the start: what the others give up for these."""
+SHARE = 0.03
+"""What each state counts besides its share of the start, of which all together are 1."""
 
-WORTH = 1.5
-"""An ellipsoid is told beside a ball if it holds so many times what the ball does: of the start, or of some state."""
+WORTH, FAR = 1.5, 10.0
+"""An ellipsoid is told beside a ball if it holds so many times what the ball does of the start, or so many of some state."""
 
 ROOM = 0.995
 """Of the half-axes found: for rounding."""
@@ -87,24 +94,43 @@ def largest_half_axes(
 
     away: x_i - mean at a start, 0 where there is none.
     """
-    from scipy.optimize import brentq
+    import cvxpy as cp
 
-    inverse = np.linalg.inv(np.linalg.cholesky(K))
-    S, n = inverse @ P @ inverse.T, away.shape[1]
-    spread = np.linalg.norm(away, axis=0)
+    n, inverse = away.shape[1], np.linalg.inv(np.linalg.cholesky(K))
+    S = inverse @ P @ inverse.T / c
+    alone = np.array([np.linalg.eigvalsh(S[k::n, k::n])[-1] ** -0.5 for k in range(n)])
 
-    def size(a: Float[np.ndarray, " n"]) -> float:
+    def all_of(a: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n_d n_d"]:
         A = np.tile(a, len(S) // n)
-        return float(np.linalg.eigvalsh(A[:, None] * S * A)[-1]) / c
+        return np.asarray(A[:, None] * S * A)
 
-    alone = np.array([(np.linalg.eigvalsh(S[k::n, k::n])[-1] / c) ** -0.5 for k in range(n)])
-    if not spread.any() or spread.all():
-        a = spread if spread.any() else alone
-        a = a * size(a) ** -0.5
-    else:
-        first, rest = PART * spread * size(spread) ** -0.5, np.where(spread > 0, 0.0, alone)
-        a = first + rest * brentq(lambda part: size(first + part * rest) - 1, 0.0, 1.0)
-    found = tuple(round_down(ROOM * float(one), 3) for one in a)
+    share = (np.linalg.norm(away, axis=0) / alone) ** 2
+    b, least = cp.Variable(n), SHARE + share / (share.sum() or 1.0)
+    inside = cp.diag(cp.hstack([b] * (len(S) // n))) - all_of(alone) >> 0
+    solved = solve_sdp(cp.Problem(cp.Minimize(least @ b), [inside]))
+    a = alone / np.sqrt(b.value) if solved and (b.value > 0).all() else alone
+    a = ROOM * a * np.linalg.eigvalsh(all_of(a))[-1] ** -0.5
+    found = tuple(round_down(float(one), 3) for one in a)
     ball = multiple(radius, None, away)
-    more = multiple(None, found, away) / ball if ball else max(found) / radius
-    return found if more >= WORTH else None
+    further = bool(ball) and multiple(None, found, away) >= WORTH * ball
+    return found if further or max(found) >= FAR * radius else None
+
+
+def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
+    """Return what is claimed of limits, |x_d(0)| of the start in the file, and how many times that start is covered."""
+    sets = {
+        "": (claims.radius, claims.half_axes),
+        "clipped_": (claims.clipped_radius, claims.clipped_half_axes),
+    }
+    found: dict[str, Any] = {"gain": claims.limits_gain}
+    away, agent = initial_deviations(problem), problem.file.agent
+    for name, (radius, axes) in sets.items():
+        found[f"{name}radius"] = radius
+        if axes:
+            found[f"{name}half_axes"] = dict(zip(agent.states, axes, strict=True))
+            found[f"{name}text"] = axes_text(axes, agent.states, agent.units)
+        found[f"{name}times_start"] = round_down(multiple(radius, axes, away), 3) or None
+    found = {key: one for key, one in found.items() if one is not None}
+    if found and away is not None:
+        found["start"] = float(np.linalg.norm(away))
+    return found

@@ -111,9 +111,14 @@ def largest_radius(
         for candidate in priced_for_rounding(loop, one, witness, CLAIMED, exact_messages=True):
             for part in KEPT:
                 radius = float(f"{part / gamma**0.5:.4g}")
-                if proves_radius(exact_loop, candidate, limits, tuple(radius * sizes)):
+                if proves_radius(exact_loop, candidate, limits, half_axes_of(loop, radius, sizes)):
                     return radius, candidate
     return None
+
+
+def half_axes_of(loop: SampledLoop, radius: float, sizes: Sizes) -> tuple[float, ...]:
+    """Return the radius times the size of each state."""
+    return tuple(np.resize(radius * sizes, len(loop.network.plant.A)).tolist())
 
 
 def inside(loop: SampledLoop, gamma: Any, P: Any, sizes: Sizes) -> Any:

@@ -27,7 +27,7 @@ from lockstep.check.sampled.inputs.saturation import (
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_for_rounding
-from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT, ONE, Sizes, inside
+from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT, ONE, Sizes, half_axes_of, inside
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -75,14 +75,18 @@ def largest_clipped_radius(
             for candidate in _priced(loop, one, start):
                 for part in KEPT:
                     radius = float(f"{part / gamma**0.5:.4g}")
-                    a = tuple(radius * sizes)
+                    a = half_axes_of(loop, radius, sizes)
                     if radius > least and proves_clipped_radius(exact_loop, candidate, limits, a):
                         return radius, candidate
     if unclipped is None:
         return None
     never = np.full(len(loop.computed), NEVER * float(np.linalg.norm(unclipped[1].P, 2)))
     same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_x)))
-    return (least, same) if proves_clipped_radius(exact_loop, same, limits, tuple(least * sizes)) else None
+    return (
+        (least, same)
+        if proves_clipped_radius(exact_loop, same, limits, half_axes_of(loop, least, sizes))
+        else None
+    )
 
 
 def _scanned(

@@ -1,6 +1,6 @@
 """What phi's arguments v = H x are, in the names of the states."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from lockstep.check.wording import shorten
 from lockstep.model.agents.agent import Agent
@@ -14,16 +14,6 @@ def arguments_text(agent: Agent) -> str:
     'v1 = a - 2*b'
     """
     return shorten(", ".join(f"v{k} = {text}" for k, text in enumerate(argument_texts(agent), start=1)), 200)
-
-
-def axes_text(half_axes: Iterable[tuple[str, float]], units: Mapping[str, str] | None = None) -> str:
-    """Name an ellipsoid to people: each state, its half-axis, and its unit.
-
-    >>> axes_text([("x", 80.0), ("v", 0.06)], {"x": "m"})
-    'sum (x_d/a)^2 <= 1, a = 80 m (x), 0.06 (v)'
-    """
-    known = {name: f" {unit}" for name, unit in (units or {}).items() if unit != "1"}
-    return f"sum (x_d/a)^2 <= 1, a = {', '.join(f'{a:g}{known.get(k, str())} ({k})' for k, a in half_axes)}"
 
 
 def units_text(scales: Iterable[Iterable[float]]) -> str:

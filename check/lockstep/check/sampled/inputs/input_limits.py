@@ -104,8 +104,8 @@ def seen_columns(loop: SampledLoop) -> list[int]:
 def reaches(loop: SampledLoop, witness: Witness, c: arb, *radii: Radius) -> bool:
     """Decide whether all disagreements in each set, controllers at rest, have V <= c; False too of what is no set."""
     place, n = slice(0, loop.n_d), len(loop.network.plant.A)
-    P, sets = exactly(witness.P)[place, place], [np.ravel(one) for one in radii]
-    if not (c > 0 and all(len(a) in (1, n) and (a > 0).all() and np.isfinite(a).all() for a in sets)):
+    P, sets = exactly(witness.P)[place, place], [np.array(one, dtype=float) for one in radii]
+    if not (c > 0 and all(a.shape in ((), (n,)) and (a > 0).all() and np.isfinite(a).all() for a in sets)):
         return False
     alike = [np.array([arb(x) for x in np.resize(a, loop.n_d)]) for a in sets]
     return all(balls.is_positive_definite(c * metric(loop) / np.outer(a, a) - P) for a in alike)
