@@ -1,6 +1,7 @@
 """What a design file claims of the limits of inputs, one verdict for each claim; the sampled loop is taken as decided."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled_claims import CheckedFile, sampled_network
 from lockstep.check.system.network import ExactNetwork
 from lockstep.check.verdict import Verdict
+
+PARTS = (0.99, 0.9, 0.5)
+"""Of a claim that is not proved: it is said of which of these it would be."""
 
 
 def decide_limits(
@@ -33,20 +37,29 @@ def decide_limits(
     calm = f"{timely}no input meets its limit"
     if kept:
         w = proofs.radius
-        holds = None if w is None else proves_radius(plain, w, limits, *kept)
-        yield "limits", Verdict.of(f"{_starts(kept, states)}, {calm}", holds)
+        prove = None if w is None else partial(proves_radius, plain, w, limits)
+        yield "limits", _decided(f"{_starts(kept, states)}, {calm}", prove, kept)
     if gain is not None:
         w, noisy = proofs.limits_gain, sampled_loop(at, held, weights.outputs)
-        holds = None if w is None else proves_gain(noisy, w, limits, weights, gain)
+        prove = None if w is None else partial(proves_gain, noisy, w, limits, weights)
         said = (
             f"under a disturbance of at most {gain:g} in L2, counted as [design] does, from agreement at rest"
         )
-        yield "limits_gain", Verdict.of(f"{said}, {calm}", holds)
+        yield "limits_gain", _decided(f"{said}, {calm}", prove, (gain,))
     if clipped:
         c = proofs.clipped
-        holds = None if c is None else proves_clipped_radius(plain, c, limits, *clipped)
+        prove = None if c is None else partial(proves_clipped_radius, plain, c, limits)
         said = f"{timely}the loop converges with its inputs clipped"
-        yield "clipped", Verdict.of(f"{_starts(clipped, states)}, {said}", holds)
+        yield "clipped", _decided(f"{_starts(clipped, states)}, {said}", prove, clipped)
+
+
+def _decided(said: str, prove: Callable[..., bool] | None, claimed: Sequence[Radius]) -> Verdict:
+    """Return the verdict; where a witness does not prove all that is claimed, with how much of it it does."""
+    verdict = Verdict.of(said, prove and prove(*claimed))
+    for part in () if prove is None or verdict.proved else PARTS:
+        if prove and prove(*(part * np.array(one) for one in claimed)):
+            return Verdict("undecided", f"{verdict.reason}; of {part:g} times as much it does")
+    return verdict
 
 
 def _starts(radii: Sequence[Radius], states: Sequence[str]) -> str:

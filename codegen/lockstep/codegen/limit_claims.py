@@ -9,12 +9,12 @@ import numpy as np
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.inequality import Witness
 from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
-from lockstep.check.sampled.inputs.saturation import proves_clipped_radius
-from lockstep.check.sampled.loop import sampled_loop
+from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clipped_radius
+from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.codegen.sampled_design import known_rho, sampled_network
 from lockstep.codegen.sampled_modes import sampled_controllers, splits
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.half_axes import half_axes
+from lockstep.lmi.sampled.half_axes import half_axes, largest_multiple
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.saturation import largest_clipped_radius
 from lockstep.lmi.sampled.sensor_noise import noise_to_inputs
@@ -24,7 +24,7 @@ from lockstep.model.checks.plausibility import initial_deviations
 MOST_STATES = 100
 """Of a sampled loop that is assembled for what is proved of limits, which is not proved mode by mode."""
 
-T = TypeVar("T")
+T = TypeVar("T", Witness, ClippedWitness)
 
 
 def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
@@ -49,21 +49,20 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     plain, noisy = sampled_loop(network, controllers), sampled_loop(network, controllers, weights.outputs)
     guess = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
     claims, proofs, sizes = (stated or made).claims.sampled, (stated or made).proofs, _sizes(weights)
-    calm = _known(
-        claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, tuple(r * sizes))
+    calm = _known(claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, r))
+    calm, least = _of_ball(
+        plain, limits, sizes, calm or largest_radius(network, controllers, limits, guess, sizes)
     )
-    calm = calm or largest_radius(network, controllers, limits, guess, sizes)
     gain = clipped = None
     if rho is not None:
         known = claims.limits_gain, proofs.limits_gain
         gain = _known(*known, lambda w, energy: proves_gain(noisy, w, limits, weights, energy))
         gain = gain or largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
     clipped = _known(
-        claims.clipped_radius,
-        proofs.clipped,
-        lambda w, r: proves_clipped_radius(plain, w, limits, tuple(r * sizes)),
+        claims.clipped_radius, proofs.clipped, lambda w, r: proves_clipped_radius(plain, w, limits, r)
     )
-    clipped = clipped or largest_clipped_radius(network, controllers, limits, calm, sizes)
+    clipped = clipped or largest_clipped_radius(network, controllers, limits, least, sizes)
+    clipped, _ = _of_ball(plain, limits, sizes, clipped)
     found = replace(
         made.claims.sampled,
         radius=calm and calm[0],
@@ -81,8 +80,18 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     return replace(made, claims=replace(made.claims, sampled=found), proofs=kept)
 
 
+def _of_ball(
+    loop: SampledLoop, limits: Vector, sizes: Vector, found: tuple[float, T] | None
+) -> tuple[tuple[float, T] | None, tuple[float, T] | None]:
+    """Return the radius of the largest ball that a witness proves, and the largest multiple of the sizes, each with it."""
+    if found is None or (sizes == 1).all():
+        return found, found
+    ball, sized = (largest_multiple(loop, found[1], limits, one) for one in (np.ones_like(sizes), sizes))
+    return (ball, found[1]) if ball else None, (sized, found[1]) if sized else None
+
+
 def _sizes(weights: Performance) -> Vector:
-    """Return the sizes that R weighs alike, the smallest 1: a radius times these holds the ball of that radius."""
+    """Return the sizes of the states that R weighs alike, the smallest 1."""
     R = np.diag(weights.R)
     return np.asarray((R.max() / R) ** 0.5)
 

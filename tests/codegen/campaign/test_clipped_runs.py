@@ -89,6 +89,9 @@ def test_what_is_claimed_is_answered_and_decided(pendulums):
             better = {name: factor * getattr(claims.sampled, name)}
             changed = dataclasses.replace(claims, sampled=dataclasses.replace(claims.sampled, **better))
             assert certify(dataclasses.replace(pendulums, claims=changed)).ok == ok, name
+    more = dataclasses.replace(claims.sampled, radius=1.02 * claims.sampled.radius)
+    refused = certify(dataclasses.replace(pendulums, claims=dataclasses.replace(claims, sampled=more)))
+    assert refused.reason.endswith("its witness does not prove it; of 0.9 times as much it does")
     for name in ("half_axes", "clipped_half_axes"):
         alike = [
             getattr(pendulums.claims.sampled, name.replace("half_axes", "radius"))

@@ -302,3 +302,13 @@ def test_a_linear_loop_claims_nearly_the_true_energy():
     found = max(largest_gain(net, ones, LIMITS, weights, size * np.ones(3))[0] for size in (1.0, 1e3))
     assert 0.9 * truth <= found <= truth
     assert np.asarray(metric(in_doubles(net, ones))).shape == (4, 4)
+
+
+def test_what_a_witness_leaves_of_a_radius_is_claimed(monkeypatch):
+    """No part of what was found is proved: what its witness does prove is, and a large radius was lost with it."""
+    net, ones = unstable_pair(0.5, 1.5)
+    plain, wide = largest_radius(net, ones, LIMITS, WEIGHTS), largest_clipped_radius(net, ones, LIMITS)
+    monkeypatch.setattr(input_limits, "KEPT", (3.0, 2.0))
+    left, of_clipped = largest_radius(net, ones, LIMITS, WEIGHTS), largest_clipped_radius(net, ones, LIMITS)
+    assert left[0] == pytest.approx(plain[0], rel=0.02)
+    assert of_clipped[0] == pytest.approx(wide[0], rel=0.02)

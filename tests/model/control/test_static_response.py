@@ -56,3 +56,18 @@ def test_controllers_that_keep_a_sum_for_ever_have_no_response():
     assert not static_response(
         loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one))
     ).any()
+
+
+def test_what_moves_nothing_without_controllers_has_no_response():
+    """An effect that follows a concentration moves none: of the inverse in doubles there is 1e-19 left, and 7e16 was told."""
+    A = [
+        [-0.759, 0.067, 0.0, 0.0],
+        [0.375, -0.067, 0.0, 0.0],
+        [0.456, 0.0, -0.456, 0.0],
+        [0.0, 0.0, -53.1875, -1 / 0.3],
+    ]
+    assert abs(np.linalg.inv(np.array(A))[2, 3]) > 0, "or the case shows nothing"
+    response = static_response(loop_of(A), static(-1e-3))
+    assert not response[:3, 3].any()
+    assert not response[:2, 2].any()
+    assert response[3, :3] == pytest.approx(1.0, rel=0.05)

@@ -15,7 +15,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from flint import arb
 from jaxtyping import Float
+from scipy.linalg import eigvalsh
 
 from lockstep.check.continuous.initial_set import axes_text
 from lockstep.check.design_file.claims import SampledClaims
@@ -72,15 +74,37 @@ def half_axes(
         radius: of the ball that it proves.
         away: of the start, if there is one.
     """
-    storage, rows = witness, exact_loop.computed[:, seen_columns(exact_loop)]
-    if isinstance(witness, ClippedWitness):
-        storage, rows = witness.storage, exact_loop.computed[:, : exact_loop.n_x] - exactly(witness.h)
-    assert isinstance(storage, Witness)
     with balls.working_precision():
-        c, K = level(exact_loop, storage, limits, rows), balls.midpoints(metric(exact_loop))
+        storage, c, K = _level_of(exact_loop, witness, limits)
         away = np.zeros((1, len(exact_loop.network.plant.A))) if away is None else away
         a = largest_half_axes(K, storage.P[: len(K), : len(K)], float(c.mid()), away, radius)
         return a if a and reaches(exact_loop, storage, c, a) else None
+
+
+def largest_multiple(
+    exact_loop: SampledLoop,
+    witness: Witness | ClippedWitness,
+    limits: Float[np.ndarray, " m"],
+    half_axes: Float[np.ndarray, " n"],
+) -> float:
+    """Return the largest multiple of half-axes that a witness proves, decided in balls; 0 where it proves none."""
+    with balls.working_precision():
+        storage, c, K = _level_of(exact_loop, witness, limits)
+        A = np.tile(half_axes, len(K) // len(half_axes))
+        size = eigvalsh(A[:, None] * storage.P[: len(K), : len(K)] * A, K)[-1]
+        most = round_down(ROOM * float((float(c.mid()) / size) ** 0.5))
+        return most if reaches(exact_loop, storage, c, tuple((most * half_axes).tolist())) else 0.0
+
+
+def _level_of(
+    loop: SampledLoop, witness: Witness | ClippedWitness, limits: Float[np.ndarray, " m"]
+) -> tuple[Witness, arb, Float[np.ndarray, "n_d n_d"]]:
+    """Return the storage of a witness, the level c up to which it holds, and (T T')^-1 (x) I."""
+    K = balls.midpoints(metric(loop))
+    if isinstance(witness, ClippedWitness):
+        rows = loop.computed[:, : loop.n_x] - exactly(witness.h)
+        return witness.storage, level(loop, witness.storage, limits, rows), K
+    return witness, level(loop, witness, limits, loop.computed[:, seen_columns(loop)]), K
 
 
 def largest_half_axes(

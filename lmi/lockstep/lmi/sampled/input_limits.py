@@ -19,6 +19,7 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier
 from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
+from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
@@ -31,6 +32,7 @@ from lockstep.lmi.sampled.candidates import (
     priced,
     priced_for_rounding,
 )
+from lockstep.lmi.sampled.half_axes import largest_multiple
 from lockstep.lmi.sampled.l2_gain import PRICE, is_lifted, lifted_with_performance
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
@@ -109,11 +111,22 @@ def largest_radius(
     found = [least(1 - rate * spread) for rate in rates]
     for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_for_rounding(loop, one, witness, CLAIMED, exact_messages=True):
-            for part in KEPT:
-                radius = float(f"{part / gamma**0.5:.4g}")
+            for radius in radii_of(exact_loop, candidate, limits, gamma, sizes):
                 if proves_radius(exact_loop, candidate, limits, half_axes_of(loop, radius, sizes)):
                     return radius, candidate
     return None
+
+
+def radii_of(
+    loop: SampledLoop,
+    witness: Witness | ClippedWitness,
+    limits: Float[np.ndarray, " m"],
+    gamma: float,
+    sizes: Sizes,
+) -> Iterator[float]:
+    """Yield radii to be tried, the largest first: parts of what was found, and at last what the witness leaves of it."""
+    yield from (float(f"{part / gamma**0.5:.4g}") for part in KEPT)
+    yield largest_multiple(loop, witness, limits, np.resize(sizes, len(loop.network.plant.A)))
 
 
 def half_axes_of(loop: SampledLoop, radius: float, sizes: Sizes) -> tuple[float, ...]:

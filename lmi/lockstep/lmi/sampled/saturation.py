@@ -27,7 +27,7 @@ from lockstep.check.sampled.inputs.saturation import (
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_for_rounding
-from lockstep.lmi.sampled.input_limits import CLAIMED, KEPT, ONE, Sizes, half_axes_of, inside
+from lockstep.lmi.sampled.input_limits import CLAIMED, ONE, Sizes, half_axes_of, inside, radii_of
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -73,8 +73,7 @@ def largest_clipped_radius(
         found, exponent = _scanned(loop, one, limits, sizes, 1 - rate * spread, exponent)
         for gamma, start in found:
             for candidate in _priced(loop, one, start):
-                for part in KEPT:
-                    radius = float(f"{part / gamma**0.5:.4g}")
+                for radius in radii_of(exact_loop, candidate, limits, gamma, sizes):
                     a = half_axes_of(loop, radius, sizes)
                     if radius > least and proves_clipped_radius(exact_loop, candidate, limits, a):
                         return radius, candidate
