@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from flint import arb
 from jaxtyping import Float
-from scipy.linalg import eigvalsh
 
 from lockstep.check.continuous.initial_set import axes_text
 from lockstep.check.design_file.claims import SampledClaims
@@ -88,6 +87,8 @@ def largest_multiple(
     half_axes: Float[np.ndarray, " n"],
 ) -> float:
     """Return the largest multiple of half-axes that a witness proves, decided in balls; 0 where it proves none."""
+    from scipy.linalg import eigvalsh
+
     with balls.working_precision():
         storage, c, K = _level_of(exact_loop, witness, limits)
         A = np.tile(half_axes, len(K) // len(half_axes))
