@@ -40,6 +40,12 @@ def test_agents_that_do_not_settle_by_themselves_have_nothing_to_compare_with():
     assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0)).any()
 
 
+def test_a_mode_at_zero_that_doubles_take_for_stable_has_nothing_to_compare_with(monkeypatch):
+    """An angle that nothing holds has an eigenvalue 0, in doubles of either sign, by the processor."""
+    monkeypatch.setattr(np.linalg, "eigvals", lambda M: np.full(len(M), -1e-17))
+    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0)).any()
+
+
 @pytest.mark.parametrize("leak", [0.01, 1.0])
 def test_a_controller_that_nearly_integrates_leaves_little_of_a_load(leak):
     """x_C' = -leak x_C + r, u = -x_C - r: D = -1 - 1/leak in the end."""

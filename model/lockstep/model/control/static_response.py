@@ -19,7 +19,7 @@ def static_response(loop: Loop, gains: Gains) -> Float[np.ndarray, "n n"]:
     A, N, A_cl = loop.plant.A, loop.d.N, loop.A_cl(gains.blocks)
     n = len(A)
     if max(np.linalg.eigvals(one).real.max() for one in (A, A_cl)) < 0:
-        with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):
+        with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError, ZeroDivisionError):
             moved = np.linalg.solve(A_cl, loop.E)[: n * (N - 1)].reshape(N - 1, n, N - 1, n)
             onto = (np.eye(N) - 1 / N) @ loop.d.right
             of_agents = np.einsum("ab,bjck,cd->ajdk", onto, moved, loop.d.T, optimize=True)
