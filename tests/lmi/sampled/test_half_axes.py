@@ -137,3 +137,10 @@ def _level(loop, w) -> float:
     """c = min_l 1 / (k_l P^-1 k_l'), without what rounding takes of it."""
     rows = midpoints(loop.computed[:, : loop.n_x])
     return float(min(1 / (row @ np.linalg.solve(w.P, row)) for row in rows if row.any()))
+
+
+def test_starts_whose_squares_overflow():
+    far = np.array([[1e200, 0.0], [-1e200, 0.0]])
+    assert multiple(1.0, None, far) == pytest.approx(1e-200 / 2**0.5)
+    found = largest_half_axes(np.eye(2), np.diag([4.0, 0.25]), 1.0, far, 0.01)
+    assert np.array(found) == pytest.approx([0.5, 2.0], rel=0.015)

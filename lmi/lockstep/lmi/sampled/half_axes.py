@@ -11,6 +11,7 @@ file is covered most times. A state that counts for nothing there would be left 
 unit of what V <= c allows it alone. Without a start all count alike.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -54,7 +55,7 @@ def multiple(radius: float | None, half_axes: Sequence[float] | None, away: Away
         return 0.0
     sizes = [np.full(away.shape[1], radius)] if radius else []
     sizes += [np.array(half_axes)] if half_axes else []
-    return max((float(1 / np.linalg.norm(away / a)) for a in sizes), default=0.0)
+    return max((1 / math.hypot(*(away / a).ravel()) for a in sizes), default=0.0)
 
 
 def half_axes(
@@ -129,7 +130,7 @@ def largest_half_axes(
         A = np.tile(a, len(S) // n)
         return np.asarray(A[:, None] * S * A)
 
-    share = (np.linalg.norm(away, axis=0) / alone) ** 2
+    share = (np.linalg.norm(away / (np.abs(away).max() or 1.0), axis=0) / alone) ** 2
     b, least = cp.Variable(n), SHARE + share / (share.sum() or 1.0)
     inside = cp.diag(cp.hstack([b] * (len(S) // n))) - all_of(alone) >> 0
     solved = solve_sdp(cp.Problem(cp.Minimize(least @ b), [inside]))
@@ -157,5 +158,5 @@ def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
         found[f"{name}times_start"] = round_down(multiple(radius, axes, away), 3) or None
     found = {key: one for key, one in found.items() if one is not None}
     if found and away is not None:
-        found["start"] = float(np.linalg.norm(away))
+        found["start"] = math.hypot(*away.ravel())
     return found
