@@ -64,15 +64,16 @@ def test_controllers_that_keep_a_sum_for_ever_have_no_response():
     ).any()
 
 
-def test_what_moves_nothing_without_controllers_has_no_response():
-    """An effect that follows a concentration moves none: of the inverse in doubles there is 1e-19 left, and 7e16 was told."""
+def test_what_moves_nothing_without_controllers_has_no_response(monkeypatch):
+    """An effect that follows a concentration moves none: some processors leave 1e-19 of it, and 7e16 was told."""
     A = [
         [-0.759, 0.067, 0.0, 0.0],
         [0.375, -0.067, 0.0, 0.0],
         [0.456, 0.0, -0.456, 0.0],
         [0.0, 0.0, -53.1875, -1 / 0.3],
     ]
-    assert abs(np.linalg.inv(np.array(A))[2, 3]) > 0, "or the case shows nothing"
+    true = np.linalg.inv
+    monkeypatch.setattr(np.linalg, "inv", lambda M: true(M) + 1e-16 * (np.abs(true(M)) < 1e-12))
     response = static_response(loop_of(A), static(-1e-3))
     assert not response[:3, 3].any()
     assert not response[:2, 2].any()
