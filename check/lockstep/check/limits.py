@@ -56,8 +56,10 @@ def decide_limits(
 def _decided(said: str, prove: Callable[..., bool] | None, claimed: Sequence[Radius]) -> Verdict:
     """Return the verdict; where a witness does not prove all that is claimed, with how much of it it does."""
     verdict = Verdict.of(said, prove and prove(*claimed))
-    for part in () if prove is None or verdict.proved else PARTS:
-        if prove and prove(*(part * np.array(one) for one in claimed)):
+    if prove is None or verdict.proved:
+        return verdict
+    for part in PARTS:
+        if prove(*(part * np.array(one) for one in claimed)):
             return Verdict("undecided", f"{verdict.reason}; of {part:g} times as much it does")
     return verdict
 

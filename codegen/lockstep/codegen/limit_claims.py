@@ -1,4 +1,4 @@
-"""What can be claimed of the limits of a design's inputs, with its witnesses, and what noise of sensors does to inputs."""
+"""What can be claimed of the limits of a design's inputs, with its witnesses."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,6 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.half_axes import half_axes, largest_multiple
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
 from lockstep.lmi.sampled.saturation import largest_clipped_radius
-from lockstep.lmi.sampled.sensor_noise import noise_to_inputs
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.plausibility import initial_deviations
 
@@ -50,19 +49,17 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     guess = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
     claims, proofs, sizes = (stated or made).claims.sampled, (stated or made).proofs, _sizes(weights)
     calm = _known(claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, r))
-    calm, least = _of_ball(
-        plain, limits, sizes, calm or largest_radius(network, controllers, limits, guess, sizes)
-    )
-    gain = clipped = None
+    calm = calm or _of_ball(plain, limits, largest_radius(network, controllers, limits, guess, sizes))
+    gain = None
     if rho is not None:
         known = claims.limits_gain, proofs.limits_gain
         gain = _known(*known, lambda w, energy: proves_gain(noisy, w, limits, weights, energy))
         gain = gain or largest_gain(network, controllers, limits, weights, rho.witness.m / rho.rho**2)
-    clipped = _known(
-        claims.clipped_radius, proofs.clipped, lambda w, r: proves_clipped_radius(plain, w, limits, r)
-    )
-    clipped = clipped or largest_clipped_radius(network, controllers, limits, least, sizes)
-    clipped, _ = _of_ball(plain, limits, sizes, clipped)
+    before = claims.clipped_radius, proofs.clipped
+    clipped = _known(*before, lambda w, r: proves_clipped_radius(plain, w, limits, r))
+    if clipped is None:
+        sized = calm and (largest_multiple(plain, calm[1], limits, sizes)[0], calm[1])
+        clipped = _of_ball(plain, limits, largest_clipped_radius(network, controllers, limits, sized, sizes))
     found = replace(
         made.claims.sampled,
         radius=calm and calm[0],
@@ -80,14 +77,10 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     return replace(made, claims=replace(made.claims, sampled=found), proofs=kept)
 
 
-def _of_ball(
-    loop: SampledLoop, limits: Vector, sizes: Vector, found: tuple[float, T] | None
-) -> tuple[tuple[float, T] | None, tuple[float, T] | None]:
-    """Return the radius of the largest ball that a witness proves, and the largest multiple of the sizes, each with it."""
-    if found is None or (sizes == 1).all():
-        return found, found
-    ball, sized = (largest_multiple(loop, found[1], limits, one) for one in (np.ones_like(sizes), sizes))
-    return (ball, found[1]) if ball else None, (sized, found[1]) if sized else None
+def _of_ball(loop: SampledLoop, limits: Vector, found: tuple[float, T] | None) -> tuple[float, T] | None:
+    """Return the radius of the largest ball that a witness proves, with it."""
+    radius = 0.0 if found is None else largest_multiple(loop, found[1], limits)[0]
+    return (radius, found[1]) if found and radius else None
 
 
 def _sizes(weights: Performance) -> Vector:
@@ -101,17 +94,3 @@ def _known(
 ) -> tuple[float, T] | None:
     """Return what a file states, and its witness, if it proves that; else None."""
     return (claimed, witness) if claimed and witness is not None and proves(witness, claimed) else None
-
-
-def noise_on_inputs(stored: Stored) -> str:
-    """Return how far noise of each output moves each input, computed; nothing of loops that are not assembled."""
-    problem, agent = stored.problem, stored.problem.agent()
-    if problem.spectrum is not None or problem.sizes.N * (problem.sizes.n + problem.sizes.n_C) > MOST_STATES:
-        return ""
-    controllers = sampled_controllers(stored, problem.controller.period)
-    found = noise_to_inputs(sampled_network(stored), controllers)
-    names = [name for name, _ in problem.file.agent.outputs]
-    if found is None:
-        return ""
-    per = [", ".join(f"{x:.3g} per {y}" for x, y in zip(row, names, strict=True)) for row in found]
-    return "; ".join(f"{u}: {said}" for u, said in zip(agent.inputs, per, strict=True))

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
+from lockstep.lmi.analysis.covered_start import times_covered
 from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.half_axes import multiple
 from lockstep.lmi.trade_off.pareto import ParetoPoint
 from lockstep.model.checks import CheckReport
 from lockstep.model.network import Network
@@ -55,8 +55,8 @@ class Facts:
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
         distances, inside, sampled = run.disagreement(), claims.initial_set, claims.sampled
         start, end, away = float(distances[0]), float(distances[-1]), run.errors()[0]
-        without = multiple(sampled.radius, sampled.half_axes, away)
-        clipped = multiple(sampled.clipped_radius, sampled.clipped_half_axes, away)
+        without = times_covered(sampled.radius, sampled.half_axes, away)
+        clipped = times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away)
         said = (
             (left, f"{left}; the certificate is for agents inside"),
             (
@@ -70,9 +70,9 @@ class Facts:
             ),
             (run.faults, f"{run.faults} steps reported a fault"),
             (
-                inside is not None and multiple(inside.radius, inside.half_axes, away) < 1,
+                inside is not None and times_covered(inside.radius, inside.half_axes, away) < 1,
                 "that agents stay in their domain is proved from"
-                f" {below(multiple(inside.radius, inside.half_axes, away), 3) if inside else ''} times this start only",
+                f" {below(times_covered(inside.radius, inside.half_axes, away), 3) if inside else ''} times this start only",
             ),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)

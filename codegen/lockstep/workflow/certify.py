@@ -158,16 +158,11 @@ def _document(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
 def _initial_set(design: Design) -> dict[str, Any]:
     """Return the states from which the agents stay in their domain, as they are claimed."""
     from lockstep.lmi.initial_set import InitialStates, Unavailable
-    from lockstep.model.agents.arguments import arguments_text
 
     claimed = design.stored.claims.initial_set
     if claimed is None:
         return Unavailable(UNCLAIMED).document()
-    agent = design.problem.agent()
-    named = InitialStates(
-        **vars(claimed) | {"arguments": arguments_text(agent), "states": agent.states, "units": agent.units}
-    )
-    return named.document()
+    return InitialStates.named(claimed, design.problem.agent()).document()
 
 
 def _sampled(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:

@@ -309,7 +309,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _open(found: DesignVerdict) -> Iterator[Statement]:
-    from lockstep.codegen.limit_claims import noise_on_inputs
+    from lockstep.codegen.sensor_noise import noise_on_inputs
 
     answer, problem = found.answer, found.design.problem
     claimed = found.verdict.failed

@@ -17,6 +17,7 @@ from lockstep.check.design_file.content import DesignFile
 from lockstep.check.design_file.proofs import BoundProof, Proofs
 from lockstep.check.json_text import load_json
 from lockstep.check.system.domain import claimed_box
+from lockstep.lmi.analysis.covered_start import limits_answer
 from lockstep.lmi.design_json import (
     claims_document,
     file_document,
@@ -27,9 +28,7 @@ from lockstep.lmi.design_json import (
 from lockstep.lmi.diagnosis.open_loop import part_of_states
 from lockstep.lmi.initial_set import InitialStates, sampled_rate
 from lockstep.lmi.proposal import Proposal
-from lockstep.lmi.sampled.half_axes import limits_answer
 from lockstep.lmi.upgrade import FORMAT_1, upgraded
-from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound, slopes_of
 from lockstep.model.plain_json import plain
 from lockstep.model.problem import Problem
@@ -124,9 +123,7 @@ def answer_document(stored: Stored) -> dict[str, Any]:
     claimed, slopes = claims_document(claims), slopes_of(claims.entries, claims.scales)
     initial = {"available": False, **_table(info, "initial_set")}
     if claims.initial_set is not None:
-        agent = stored.problem.agent()
-        text = {"arguments": arguments_text(agent), "states": agent.states, "units": agent.units}
-        initial |= InitialStates(**vars(claims.initial_set) | text).document()
+        initial |= InitialStates.named(claims.initial_set, stored.problem.agent()).document()
     return {
         "title": stored.problem.title,
         "method": design.method,

@@ -30,6 +30,8 @@ from lockstep.check.system.network import ExactNetwork
 from lockstep.lmi.analysis.decimals import below, round_down
 from lockstep.lmi.design_json import initial_set_document
 from lockstep.lmi.sampled.half_axes import largest_half_axes
+from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.arguments import arguments_text
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,12 @@ class InitialStates(InitialSet):
     states: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def named(cls, claimed: InitialSet, of: Agent, **first: int) -> "InitialStates":
+        """Return a set with the names and units of an agent's states; first: `agent` and `argument`, where they are known."""
+        names = {"arguments": arguments_text(of), "states": of.states, "units": of.units}
+        return cls(**(vars(claimed) | first | names))
+
     def text(self) -> str:
         """Return what this says to people."""
         named = (one.split(" = ") for one in self.arguments.split(", "))
@@ -94,9 +102,7 @@ def initial_set(
     certificate: Certificate | ModalCertificate,
     domain: Domain,
     inner: Box,
-    arguments: str,
-    states: tuple[str, ...],
-    units: Mapping[str, str],
+    agent: Agent,
 ) -> InitialStates | Unavailable:
     """Return the largest set V <= c of initial disagreements from which the agents stay in their domain.
 
@@ -104,7 +110,7 @@ def initial_set(
         network: the agents and the graph.
         certificate: decided for the bound that was proved on the domain.
         domain: the box;  inner: the part of it that the leader is to stay in.
-        arguments: what v_1, v_2, ... are, in the names of the states;  states, units: of these.
+        agent: whose states have names and units.
 
     Raises:
         ProblemError: an inner box that is not inside the box on every side, or a P that does not fit the network.
@@ -118,13 +124,11 @@ def initial_set(
     energy = rounded_down(Fraction(level) / Fraction(certificate.rho) ** 2)
     if not all(0 < figure < math.inf for figure in (level, radius, energy)):
         return Unavailable("its figures are beyond the range of doubles")
-    D, nowhere = as_floats(squared_distance(network)), np.zeros((1, len(states)))
+    D, nowhere = as_floats(squared_distance(network)), np.zeros((1, agent.n))
     a = largest_half_axes(D, as_floats(P), level, nowhere, radius)
-    figures = level, radius, energy, a if a and holds_ball(network, certificate, Fraction(level), a) else None
-    first = i + 1, j + 1
-    return InitialStates(
-        network.graph.roots[0], domain.box, inner, *figures, *first, arguments, states, units
-    )
+    axes = a if a and holds_ball(network, certificate, Fraction(level), a) else None
+    found = InitialSet(network.graph.roots[0], domain.box, inner, level, radius, energy, axes)
+    return InitialStates.named(found, agent, agent=i + 1, argument=j + 1)
 
 
 def _ratio_above(P: Matrix, D: Matrix) -> Fraction:

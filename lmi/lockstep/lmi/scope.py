@@ -10,7 +10,6 @@ from lockstep.check.errors import demand
 from lockstep.check.system.domain import Scope
 from lockstep.lmi.initial_set import InitialStates, Unavailable, initial_set
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.arguments import arguments_text
 from lockstep.model.bound_search import Bound
 from lockstep.model.checks.nonlinearity import holds_everywhere
 from lockstep.model.network import Network
@@ -78,7 +77,4 @@ def initial_states(
     """
     domain = domain_of(network.agent)
     inner = inner_box(domain.box, fraction) if inner is None else inner
-    agent = network.agent
-    return initial_set(
-        network.matrices, certificate, domain, inner, arguments_text(agent), agent.states, agent.units
-    )
+    return initial_set(network.matrices, certificate, domain, inner, network.agent)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.lmi.analysis.covered_start import times_covered
 from lockstep.lmi.analysis.decimals import below
-from lockstep.lmi.sampled.half_axes import multiple
 from lockstep.model.html_table import html_table
 from lockstep.model.simulation.divergence import left_domain
 from lockstep.workflow.design_file import Design
@@ -163,7 +163,7 @@ class Simulation:
         claimed = self.design.stored.claims.initial_set
         away, covered = trajectory.errors()[0], 0.0
         if claimed is not None and len(away) == self.agents:  # of many a record has a few
-            covered = multiple(claimed.radius, claimed.half_axes, away)
+            covered = times_covered(claimed.radius, claimed.half_axes, away)
         if 0 < covered < 1:
             said = "that all agents stay in their domain is proved, of the continuous controllers, from"
             told["initial states"] = f"{said} {below(covered, 3)} times this start"

@@ -12,15 +12,11 @@ unit of what V <= c allows it alone. Without a start all count alike.
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from flint import arb
 from jaxtyping import Float
 
-from lockstep.check.continuous.initial_set import axes_text
-from lockstep.check.design_file.claims import SampledClaims
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
 from lockstep.check.sampled.inequality import Witness, metric
@@ -28,9 +24,8 @@ from lockstep.check.sampled.inputs.input_limits import level, reaches, seen_colu
 from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.loop import SampledLoop
 from lockstep.lmi.analysis.certificate_sdp import solve_sdp
+from lockstep.lmi.analysis.covered_start import Away, times_covered
 from lockstep.lmi.analysis.decimals import round_down
-from lockstep.model.checks.plausibility import initial_deviations
-from lockstep.model.problem import Problem
 
 SHARE = 0.03
 """What each state counts besides its share of the start, of which all together are 1."""
@@ -41,21 +36,9 @@ WORTH, FAR = 1.5, 10.0
 ROOM = 0.995
 """Of the half-axes found: for rounding."""
 
-Away = Float[np.ndarray, "N n"] | None
-"""x_i(0) - mean of each agent, where a problem names a start."""
-
-
-def multiple(radius: float | None, half_axes: Sequence[float] | None, away: Away) -> float:
-    """Return how many times a start lies in a ball or in an ellipsoid, the larger; 0 without a start or a set.
-
-    >>> multiple(1.0, (4.0, 0.5), np.array([[2.0, 0.0], [-2.0, 0.0]])).__round__(3)
-    1.414
-    """
-    if away is None or not away.any():
-        return 0.0
-    sizes = [np.full(away.shape[1], radius)] if radius else []
-    sizes += [np.array(half_axes)] if half_axes else []
-    return max((1 / math.hypot(*(away / a).ravel()) for a in sizes), default=0.0)
+Sizes = Float[np.ndarray, " n"]
+ONE = np.ones(1)
+"""All states are of size 1."""
 
 
 def half_axes(
@@ -85,17 +68,21 @@ def largest_multiple(
     exact_loop: SampledLoop,
     witness: Witness | ClippedWitness,
     limits: Float[np.ndarray, " m"],
-    half_axes: Float[np.ndarray, " n"],
-) -> float:
-    """Return the largest multiple of half-axes that a witness proves, decided in balls; 0 where it proves none."""
+    sizes: Sizes = ONE,
+) -> tuple[float, tuple[float, ...]]:
+    """Return the largest multiple of the sizes that V <= c of a witness holds, and these half-axes: 0 where it holds none.
+
+    Decided in balls, but for the witness, which is taken as proved.
+    """
     from scipy.linalg import eigvalsh
 
     with balls.working_precision():
         storage, c, K = _level_of(exact_loop, witness, limits)
-        A = np.tile(half_axes, len(K) // len(half_axes))
-        size = eigvalsh(A[:, None] * storage.P[: len(K), : len(K)] * A, K)[-1]
-        most = round_down(ROOM * float((float(c.mid()) / size) ** 0.5))
-        return most if reaches(exact_loop, storage, c, tuple((most * half_axes).tolist())) else 0.0
+        S = np.diag(np.resize(sizes, len(K)))
+        largest = eigvalsh(S @ storage.P[: len(K), : len(K)] @ S, K)[-1]
+        most = round_down(ROOM * math.sqrt(max(float(c.mid()), 0.0) / largest))
+        a = tuple(np.resize(most * sizes, len(exact_loop.network.plant.A)).tolist())
+        return (most, a) if reaches(exact_loop, storage, c, a) else (0.0, a)
 
 
 def _level_of(
@@ -123,7 +110,10 @@ def largest_half_axes(
     import cvxpy as cp
 
     n, inverse = away.shape[1], np.linalg.inv(np.linalg.cholesky(K))
-    S = inverse @ P @ inverse.T / c
+    with np.errstate(over="ignore", invalid="ignore"):
+        S = inverse @ P @ inverse.T / c
+    if not np.isfinite(S).all():
+        return None
     alone = np.array([np.linalg.eigvalsh(S[k::n, k::n])[-1] ** -0.5 for k in range(n)])
 
     def all_of(a: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n_d n_d"]:
@@ -136,27 +126,9 @@ def largest_half_axes(
     solved = solve_sdp(cp.Problem(cp.Minimize(least @ b), [inside]))
     a = alone / np.sqrt(b.value) if solved and (b.value > 0).all() else alone
     a = ROOM * a * np.linalg.eigvalsh(all_of(a))[-1] ** -0.5
+    if not (np.isfinite(a).all() and (a > 0).all()):
+        return None
     found = tuple(round_down(float(one), 3) for one in a)
-    ball = multiple(radius, None, away)
-    further = bool(ball) and multiple(None, found, away) >= WORTH * ball
+    ball = times_covered(radius, None, away)
+    further = bool(ball) and times_covered(None, found, away) >= WORTH * ball
     return found if further or max(found) >= FAR * radius else None
-
-
-def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
-    """Return what is claimed of limits, |x_d(0)| of the start in the file, and how many times that start is covered."""
-    sets = {
-        "": (claims.radius, claims.half_axes),
-        "clipped_": (claims.clipped_radius, claims.clipped_half_axes),
-    }
-    found: dict[str, Any] = {"gain": claims.limits_gain}
-    away, agent = initial_deviations(problem), problem.file.agent
-    for name, (radius, axes) in sets.items():
-        found[f"{name}radius"] = radius
-        if axes:
-            found[f"{name}half_axes"] = dict(zip(agent.states, axes, strict=True))
-            found[f"{name}text"] = axes_text(axes, agent.states, agent.units)
-        found[f"{name}times_start"] = round_down(multiple(radius, axes, away), 3) or None
-    found = {key: one for key, one in found.items() if one is not None}
-    if found and away is not None:
-        found["start"] = math.hypot(*away.ravel())
-    return found

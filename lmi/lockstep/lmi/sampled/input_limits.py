@@ -19,7 +19,6 @@ from lockstep.check.continuous.inequality import Performance
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
 from lockstep.check.sampled.inequality import Witness, metric, multiplier
 from lockstep.check.sampled.inputs.input_limits import proves_gain, proves_radius
-from lockstep.check.sampled.inputs.saturation import ClippedWitness
 from lockstep.check.sampled.l2_gain import running_cost
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
@@ -32,7 +31,7 @@ from lockstep.lmi.sampled.candidates import (
     priced,
     priced_for_rounding,
 )
-from lockstep.lmi.sampled.half_axes import largest_multiple
+from lockstep.lmi.sampled.half_axes import ONE, Sizes, largest_multiple
 from lockstep.lmi.sampled.l2_gain import PRICE, is_lifted, lifted_with_performance
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
@@ -71,10 +70,6 @@ CLAIMED = 0.5
 """The part of the decay that is claimed: the rest is room for rounding."""
 
 
-Sizes = Float[np.ndarray, " n"]
-ONE = np.ones(1)
-"""All states are of size 1."""
-
 _Stored = tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, " pairs"]]
 """P and the pair weights that go with it."""
 
@@ -109,29 +104,12 @@ def largest_radius(
 
     rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_x <= SOME_STATES else RATES[1:2]
     found = [least(1 - rate * spread) for rate in rates]
-    for gamma, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
+    for _, witness in sorted((each for each in found if each is not None), key=lambda each: each[0]):
         for candidate in priced_for_rounding(loop, one, witness, CLAIMED, exact_messages=True):
-            for radius in radii_of(exact_loop, candidate, limits, gamma, sizes):
-                if proves_radius(exact_loop, candidate, limits, half_axes_of(loop, radius, sizes)):
-                    return radius, candidate
+            radius, a = largest_multiple(exact_loop, candidate, limits, sizes)
+            if proves_radius(exact_loop, candidate, limits, a):
+                return radius, candidate
     return None
-
-
-def radii_of(
-    loop: SampledLoop,
-    witness: Witness | ClippedWitness,
-    limits: Float[np.ndarray, " m"],
-    gamma: float,
-    sizes: Sizes,
-) -> Iterator[float]:
-    """Yield radii to be tried, the largest first: parts of what was found, and at last what the witness leaves of it."""
-    yield from (float(f"{part / gamma**0.5:.4g}") for part in KEPT)
-    yield largest_multiple(loop, witness, limits, np.resize(sizes, len(loop.network.plant.A)))
-
-
-def half_axes_of(loop: SampledLoop, radius: float, sizes: Sizes) -> tuple[float, ...]:
-    """Return the radius times the size of each state."""
-    return tuple(np.resize(radius * sizes, len(loop.network.plant.A)).tolist())
 
 
 def inside(loop: SampledLoop, gamma: Any, P: Any, sizes: Sizes) -> Any:

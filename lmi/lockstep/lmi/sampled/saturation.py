@@ -27,7 +27,8 @@ from lockstep.check.sampled.inputs.saturation import (
 from lockstep.check.sampled.lifting import Lifted
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.lmi.sampled.candidates import SOME_STATES, is_large, priced_for_rounding
-from lockstep.lmi.sampled.input_limits import CLAIMED, ONE, Sizes, half_axes_of, inside, radii_of
+from lockstep.lmi.sampled.half_axes import ONE, Sizes, largest_multiple
+from lockstep.lmi.sampled.input_limits import CLAIMED, inside
 from lockstep.lmi.sampled.loop_gain import spectral_radius
 from lockstep.lmi.sampled.step_program import step_program
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
@@ -71,21 +72,17 @@ def largest_clipped_radius(
     exponent: float | None = None
     for rate in RATES if spread > 0 and not is_large(loop) else ():
         found, exponent = _scanned(loop, one, limits, sizes, 1 - rate * spread, exponent)
-        for gamma, start in found:
+        for _, start in found:
             for candidate in _priced(loop, one, start):
-                for radius in radii_of(exact_loop, candidate, limits, gamma, sizes):
-                    a = half_axes_of(loop, radius, sizes)
-                    if radius > least and proves_clipped_radius(exact_loop, candidate, limits, a):
-                        return radius, candidate
+                radius, a = largest_multiple(exact_loop, candidate, limits, sizes)
+                if radius > least and proves_clipped_radius(exact_loop, candidate, limits, a):
+                    return radius, candidate
     if unclipped is None:
         return None
     never = np.full(len(loop.computed), NEVER * float(np.linalg.norm(unclipped[1].P, 2)))
     same = ClippedWitness(unclipped[1], never, np.zeros((len(never), loop.n_x)))
-    return (
-        (least, same)
-        if proves_clipped_radius(exact_loop, same, limits, half_axes_of(loop, least, sizes))
-        else None
-    )
+    _, a = largest_multiple(exact_loop, same, limits, sizes)
+    return (least, same) if proves_clipped_radius(exact_loop, same, limits, a) else None
 
 
 def _scanned(
