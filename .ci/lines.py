@@ -157,6 +157,7 @@ LATER = {
             *(
                 f"lmi/lockstep/lmi/{name}.py"
                 for name in (
+                    "attempts",
                     "defaults",
                     "trade_off/pareto",
                     "search/fastest_decay",
@@ -168,8 +169,9 @@ LATER = {
             f"{WORKFLOW}/trade_off.py",
             "model/lockstep/model/checks/actuators.py",
         ],
-        # 850 before the actuators' word on a period, which `build` says as `check` does; 855 before sizes of the states
-        875,
+        # 850 before the actuators' word on a period, which `build` says as `check` does; 855 before sizes of the states;
+        # 875 before one attempt after the other moved in, out of the roots, and said what it did not take
+        990,
     ),
     "initial sets: a P of their own, gains that move": (
         [

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
+from lockstep.lmi.defaults import TRIED
 from lockstep.model.agents.arguments import units_text
 from lockstep.model.problem.tables.toml_text import value_text
 
@@ -74,10 +75,10 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     asked = figures.get("defaults")
     if not asked:
         return {}
-    shown = {key: _unlike_one(value) for key, value in asked.items() if key != "given_up"}
+    shown = {key: _unlike_one(value) for key, value in asked.items() if key not in TRIED}
     said = ", ".join(f"{key} = {value_text(value)}" for key, value in shown.items() if value)
-    before = f"before that: {asked['given_up']}" if asked.get("given_up") else ""
-    return {"by default": "; ".join(filter(None, [said, before]))}
+    tried = (f"{when}: {asked[key]}" for key, when in TRIED.items() if asked.get(key))
+    return {"by default": "; ".join(filter(None, [said, *tried]))}
 
 
 def _unlike_one(value: Any) -> Any:

@@ -11,6 +11,7 @@ from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.analysis.decimals import above
+from lockstep.lmi.defaults import TRIED
 from lockstep.lmi.document import answer_document
 from lockstep.model.problem.tables.toml_text import value_text
 from lockstep.model.simulation import effort_indices, indices
@@ -89,8 +90,8 @@ def _asked(facts: Facts) -> Iterator[tuple[str, str]]:
     }
     limits = {"[agent.limits]": tables["agent"]["limits"]} if tables["agent"].get("limits") else {}
     yield from ((key, value_text(value)) for key, value in (asked | limits).items())
-    if given_up := figures.get("defaults", {}).get("given_up"):
-        yield "by default, before that", given_up
+    tried = figures.get("defaults", {})
+    yield from ((f"by default, {when}", tried[key]) for key, when in TRIED.items() if tried.get(key))
 
 
 def _equations(facts: Facts) -> list[tuple[str, Markup, str]]:

@@ -71,7 +71,8 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
     if alone is not None and not eliminates_P(network.loop(0)):
         figures["decay_alone"] = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
     own = posed._replace(claim=found.claim)
-    return Proposal(*own, found.gains, found.certificate, figures, floor, found.others)
+    gains, proved = found.gains, found.certificate
+    return Proposal(*own, gains, proved, figures, floor, found.others, sampled=found.sampled)
 
 
 def given(posed: Posed, tell: Progress) -> Proposal:

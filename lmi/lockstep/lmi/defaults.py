@@ -74,10 +74,17 @@ between gains of size one: beyond, the norm of [A B; C D] is that of the largest
 OF_U = 10.0
 """Times what actuators can, to which a norm with A_C in 1/s may let C and D grow: beyond, each entry has its own size."""
 
+TRIED = {"given_up": "before that", "not_taken": "after that, and not taken"}
+"""What is said in a design of the other specifications that were tried, by key, and when that was."""
+
 KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
+
+SPOILT = 3.0
+"""Times its continuous rho at most: what gains ship with whose sampled loop is worse, or has none. A design for the period
+brings most of them back."""
 
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""

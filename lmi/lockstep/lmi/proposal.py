@@ -44,7 +44,8 @@ class Proposal:
     figures: what else is known: abscissa, gain norms, the history of the search, the audit of a
     theorem;  floor: a rho below which no controllers can certify, with its proof, where it was looked for and found;
     others: other gains that the search came to, from which a design for the period may start;  guarantees: the decay, and
-    whether controllers are stable by themselves.
+    whether controllers are stable by themselves;  sampled: the larger of rho and that of the sampled loop in doubles, where
+    the search knows it: infinite if the period spoils it.
     """
 
     problem: Problem
@@ -57,6 +58,7 @@ class Proposal:
     floor: FloorWitness | None = None
     others: tuple[StartingGains, ...] = ()
     guarantees: Guarantees = field(default_factory=Guarantees)
+    sampled: float | None = None
 
     @property
     def certified(self) -> bool:

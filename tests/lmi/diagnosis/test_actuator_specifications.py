@@ -117,10 +117,10 @@ def test_inputs_that_move_nothing_keep_their_usual_unit() -> None:
 def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:
     """Where actuators that take half lead to more than ten floors, what is asked for elsewhere is tried, taken if better."""
     said = []
-    monkeypatch.setattr("lockstep.lmi.design.MUCH", 1e9)
-    monkeypatch.setattr("lockstep.lmi.design.FAR", 1e9)
+    monkeypatch.setattr("lockstep.lmi.attempts.MUCH", 1e9)
+    monkeypatch.setattr("lockstep.lmi.attempts.FAR", 1e9)
     for far in (1e9, 1e-9):
-        monkeypatch.setattr("lockstep.lmi.design.VERY_FAR", far)
+        monkeypatch.setattr("lockstep.lmi.attempts.VERY_FAR", far)
         said.append(stored(slider(4.0)).info["figures"]["defaults"])
     assert [one["gain_limit"] for one in said] == [1.0, GAIN_LIMIT]
     assert "given_up" not in said[0]

@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
-from lmi_cases import ALPHA, arms, claim, published
+from lmi_cases import ALPHA, arms, claim, problem, published
 
 from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.methods.certified import gain_search
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import multistart
 from lockstep.lmi.search.local_search import Polished
-from lockstep.lmi.search.random_start import GainSearch, StartResult
+from lockstep.lmi.search.random_start import LOWER, GainSearch, StartResult, resume, run_start
 from lockstep.lmi.search.smoothed_norm import Descended
+from lockstep.model.assembly import network_of
 
 SEARCH = GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
 CERTIFICATE = least_rho(SEARCH.loop, published().blocks, SEARCH.claim)
@@ -66,3 +69,39 @@ def test_of_a_small_loop_all_that_are_asked_for_are_pursued(monkeypatch):
     done = searched(monkeypatch, [5.0, 4.0, 2.0, 3.0], {0}, eliminates=False)
     assert len(of(done, "begun")) == 4 * multistart.DRAWN
     assert len(of(done, "pursued")) == 4
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_start_with_a_state_more_is_no_worse_than_that_without(index: int) -> None:
+    """A state beside them that nothing hears changes no rho: the descent begins next to what the order below came to."""
+    posed = problem(
+        dynamics={"a": "b", "b": "-a - sin(a) + u"},
+        outputs={"y1": "a"},
+        network='agents = 3\ntopology = "path"',
+        design="order = 2\ngain_limit = 10.0",
+    )
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound), claim_of(posed, bound)
+    search = gain_search(posed, network, asked, 0.0, None)
+    assert search.lower is not None
+    low = resume(search.lower, None, run_start(search.lower, None, 0, index))
+    start = run_start(search, None, 0, LOWER * (index + 1) - 1)
+    assert np.isfinite(low.at.rho)
+    assert start.at.K.shape == (3, 3, 3)
+    # The couplings begin at a part of their unit, so that the descent does not begin with the rho of the order below.
+    assert start.at.rho <= 1.01 * low.at.rho
+
+
+def test_static_gains_and_gains_with_errors_of_other_kinds_have_no_order_below() -> None:
+    """A, B and C have errors from order 1 on: those of a static gain have other multipliers."""
+    for table, lower in (
+        ("order = 0", False),
+        ("order = 1", True),
+        ("order = 1\nfragility = { D = 0.01 }", False),
+    ):
+        posed = problem(
+            dynamics={"x": "u - sin(x)"}, outputs={"y": "x"}, design=f"gain_limit = 10.0\n{table}"
+        )
+        bound = proved_bound(posed)
+        search = gain_search(posed, network_of(posed, bound), claim_of(posed, bound), 0.0, None)
+        assert (search.lower is not None) is lower

@@ -11,6 +11,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.continuous.modes import Modes, check_covered
 from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
     static_gains_cannot_stabilise,
@@ -59,7 +60,8 @@ REACHED = 0.5
 class CertifiedGains:
     """Gains, the claim they were found for (alpha may have been raised), and its certificate.
 
-    others: other gains that the search came to, from which a design for the period may start.
+    others: other gains that the search came to, from which a design for the period may start;  sampled: the larger of rho and
+    that of the sampled loop in doubles, infinite where it has none.
     """
 
     gains: Gains
@@ -67,6 +69,7 @@ class CertifiedGains:
     certificate: Certificate
     figures: dict[str, Any]
     others: tuple[StartingGains, ...] = ()
+    sampled: float = np.inf
 
 
 def search_and_prove(
@@ -110,8 +113,7 @@ def search_and_prove(
     rate, refused = rate_of_controllers(problem), NotCertified("no gains were found")
     for held in decays_held(problem):
         decaying = network.decaying(held)
-        modes = equal_gains(problem, decaying, claim, rate)
-        search = GainSearch.of(decaying.loop(problem.order), claim, problem.gain_limit, lag, rate, modes)
+        search = gain_search(problem, decaying, claim, lag, rate)
         of = f"{table.gain_limit:g}{' in [design.gain_units]' if table.gain_units else ''}"
         told = {
             "tell": partial(_tell_search, tell, of, estimated_time(search, table.starts, jobs)),
@@ -146,7 +148,7 @@ def search_and_prove(
             except NotCertified as error:
                 refused = error
             else:
-                return replace(proved, others=starts_for_period(found, one, search))
+                return replace(proved, others=starts_for_period(found, one, search), sampled=one.sampled)
     stop.found = False
     if stop.asked:
         raise NothingYet("interrupted before any gains were certified; nothing was written")
@@ -161,6 +163,20 @@ def search_and_prove(
 def _tell_search(tell: Callable[[str, float], None], limit: str, likely: str, part: float) -> None:
     """Tell of a search how long it is likely to take, until a part of it is done, which says more."""
     tell(f"searching for gains up to {limit}{f', this search likely {likely}' * (part == 0)}", part)
+
+
+def gain_search(
+    problem: Problem, network: Network, claim: Claim, lag: float, rate: float | None
+) -> GainSearch:
+    """Return the search for the gains of a problem; with that for controllers with a state less, whose multipliers are to be
+    as many, unless each start of it takes minutes."""
+    loop, lower = network.loop(problem.order), None
+    if problem.order > claim.delta.any() and not eliminates_P(loop):
+        table = problem.design.model_copy(update={"order": problem.order - 1})
+        less = replace(problem, file=problem.file.model_copy(update={"design": table}))
+        lower = gain_search(less, network, replace(claim, Q=claim.Q[1:, 1:]), lag, rate)
+    modes = equal_gains(problem, network, claim, rate)
+    return GainSearch.of(loop, claim, problem.gain_limit, lag, rate, modes, lower)
 
 
 def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:

@@ -43,6 +43,13 @@ SIZES = (0.3, 1.0, 3.0)
 DRAWS = 4
 """Draws for one start, until one of them becomes stable."""
 
+LOWER = 4
+"""One start of so many is of controllers with a state less: with more states more starts end in worse minima."""
+
+COUPLED, MOVED = (0.3, 0.1, 0.03, 0.01), ((13, 60), (33, 60))
+"""Standard deviations, in the units of the search, of the gains to and from a state that is added: where they are 0 no slope
+tells of it. And the descent from there, as `ON_TO_THE_MAXIMUM`."""
+
 DRAWN, STABLE, INSIDE = 0.5, 0.8, 0.9
 """Parts of the gain limit: gains are drawn within the first and made stable within the second, because from the limit
 itself the slope of one side leads nowhere, and what comes out is inside the third."""
@@ -70,7 +77,8 @@ class GainSearch:
 
     gain_limit: of each agent's gains;  lag: s, by which sampling makes the inputs late;  rate:
     that each A_Ci is to have by itself, Re lambda < -rate, in 1/s; None to ask nothing of them;  modes: the same
-    search for gains that are equal for all agents, with which starts of many agents begin; None where it does not apply.
+    search for gains that are equal for all agents, with which starts of many agents begin; None where it does not apply;
+    lower: the same for controllers with a state less, with which some starts begin, or None.
     """
 
     loop: Loop
@@ -80,6 +88,7 @@ class GainSearch:
     lag: float = 0.0
     rate: float | None = None
     modes: ModalSearch | None = None
+    lower: "GainSearch | None" = None
 
     @classmethod
     def of(
@@ -90,9 +99,10 @@ class GainSearch:
         lag: float = 0.0,
         rate: float | None = None,
         modes: ModalSearch | None = None,
+        lower: "GainSearch | None" = None,
     ) -> "GainSearch":
         """Return the search for a loop and a claim in the units of the file."""
-        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes)
+        return cls(*scaled(loop, claim), gain_limit, lag, rate, modes, lower)
 
     def __reduce__(self) -> tuple[type["GainSearch"], tuple[Any, ...]]:
         """Leave what is built from these behind: symbolic expressions do not travel to another process."""
@@ -177,6 +187,9 @@ def run_start(
     if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere)
+    lower = search.lower if index % LOWER == LOWER - 1 else None
+    if lower and (at := _with_a_state_more(search, lower, seed, index // LOWER)) is not None:
+        return scored(search, score, StartResult(index, search.abscissa(at.K), at))
     equal = search.is_regular or index % 2 == 1
     modes = search.modes if equal and eliminates_P(search.loop) else None
     if modes and (at := _equal(search, modes, seed, index)) is not None:
@@ -185,6 +198,26 @@ def run_start(
     if abscissa >= 0:
         return StartResult(index, abscissa, Descended(K, np.ones(len(search.norm.W)), np.inf, np.inf))
     return scored(search, score, StartResult(index, abscissa, norm_descent(search.norm, K)))
+
+
+def _with_a_state_more(search: GainSearch, lower: GainSearch, seed: int, index: int) -> Descended | None:
+    """Return what a start with a state less comes to, with one more state beside it and moved with it, or None."""
+    at = resume(lower, None, run_start(lower, None, seed, index)).at
+    if not np.isfinite(at.rho):
+        return None
+    norm, limit, units = search.norm, search.gain_limit, search.units.gains
+    drawn = np.random.default_rng([seed, index]).standard_normal(norm.shape) * units
+    if not np.ptp(at.K, axis=0).any():
+        drawn[:] = drawn[0]  # equal gains stay so
+    drawn[:, 1:, 1:] = drawn[:, 0, 0] = 0.0
+    K, w = np.zeros(norm.shape), at.w * (lower.units.pair_weight / search.units.pair_weight)
+    K[:, 1:, 1:], K[:, 0, 0] = at.K, -max(units[0, 0], 2 * (search.rate or 0.0))
+    for size in COUPLED:
+        coupled = limited(K + size * drawn, INSIDE * limit)
+        x = norm.pack(coupled, w)
+        if search.abscissa(coupled) < 0 and np.isfinite(norm.level(x, None, norm.frequencies(x))):
+            return refined_to_maximum(norm, replace(at, K=coupled, w=w), MOVED)
+    return None
 
 
 def _equal(search: GainSearch, modes: ModalSearch, seed: int, index: int) -> Descended | None:

@@ -1,0 +1,94 @@
+"""One specification after the other: which gains are taken, and what is said of those that are not."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from lmi_cases import PATH_2, problem
+
+from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.errors import Infeasible
+from lockstep.check.floor.witness import FloorWitness
+from lockstep.lmi import design as lmi_design
+from lockstep.lmi.design import design
+from lockstep.lmi.proposal import Proposal
+from lockstep.model.problem import Problem
+
+POSED = problem(
+    dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, network=PATH_2, design="order = 0\nstarts = 1"
+)
+"""Its floor is set to 1 below: rho is so many floors."""
+
+
+@pytest.fixture(scope="module")
+def found() -> Proposal:
+    """Gains of one specification, with a certificate."""
+    return design(POSED, jobs=1)
+
+
+@pytest.fixture
+def led_to(monkeypatch: pytest.MonkeyPatch, found: Proposal) -> Any:
+    """Design where the specifications come to (rho, sampled rho) one after the other, or to nothing where it is None."""
+    assert isinstance(found.certificate, Certificate)
+
+    def proposals(figures: list[tuple[float, float] | None]) -> Iterator[Proposal | None]:
+        for one in figures:
+            if one is None:
+                yield None
+                continue
+            certificate = replace(found.certificate, rho=one[0])
+            yield replace(
+                found, certificate=certificate, sampled=one[1], floor=FloorWitness(1.0, ()), figures={}
+            )
+
+    def designed(*figures: tuple[float, float] | None) -> Proposal:
+        given = proposals(list(figures))
+
+        def proposed(posed: Problem, *_: object) -> Proposal:
+            if (one := next(given)) is None:
+                raise Infeasible("none", fraction=0.5)
+            return replace(one, problem=posed)
+
+        monkeypatch.setattr(lmi_design, "_proposed", proposed)
+        made = design(POSED, jobs=1)
+        assert next(given, "all were tried") == "all were tried"
+        return made
+
+    return designed
+
+
+def test_gains_near_their_floor_are_taken_at_once(led_to: Any) -> None:
+    made = led_to((3.9, 4.0))
+    assert made.figures["defaults"].keys() & {"given_up", "not_taken"} == set()
+
+
+def test_gains_far_from_it_that_larger_ones_do_not_halve_are_kept_and_it_is_said(led_to: Any) -> None:
+    made = led_to((9.0, 9.1), (6.0, 6.0))
+    assert made.certificate.rho == 9.0
+    assert "rho was 6 times its lower bound" in made.figures["defaults"]["not_taken"]
+    assert made.figures["defaults"]["gain_limit"] < 50
+
+
+def test_what_ships_is_compared_and_not_the_continuous_loop_alone(led_to: Any) -> None:
+    """With rho 6 against 9 none is half as large; of the sampled loops it is 6.1 against 20, and then 6.1 against 13."""
+    assert led_to((9.0, 20.0), (6.0, 6.1), (5.5, 5.5)).certificate.rho == 6.0
+    assert led_to((9.0, float("inf")), (6.0, 6.1), (5.5, 5.5)).certificate.rho == 6.0
+    assert led_to((9.0, 9.0), (4.1, 13.0)).certificate.rho == 9.0
+
+
+def test_very_far_from_the_floor_the_largest_limit_is_tried_too(led_to: Any) -> None:
+    """More than ten floors away a second attempt that comes to nothing, or to little more, is not the last."""
+    for second in ((33.0, 33.0), None):
+        made = led_to((34.0, 34.0), second, (3.0, 3.1))
+        assert made.certificate.rho == 3.0
+        said = made.figures["defaults"]["given_up"]
+        assert said.count("gain_limit") == 2
+        assert "not_taken" not in made.figures["defaults"]
+    assert led_to((34.0, 34.0), (33.0, 33.0), (32.0, 32.0), (31.0, 31.0)).certificate.rho == 34.0
+
+
+def test_gains_that_are_found_are_not_lost_by_later_ones_that_are_not(led_to: Any) -> None:
+    made = led_to((9.0, 9.0), None)
+    assert made.certificate.rho == 9.0
+    assert "0.5 of what is asked was carried" in made.figures["defaults"]["not_taken"]
