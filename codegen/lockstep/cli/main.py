@@ -106,7 +106,7 @@ Against = Annotated[list[Path] | None, _option(help="A file with gains of these 
 
 TimeLimit = Annotated[
     float | None,
-    _option(min=0.01, help="Seconds to search; then the best so far: other machines get others."),
+    _option(min=0.01, help="Seconds to search, and as many for the period; then the best so far."),
 ]
 
 Fresh = Annotated[bool, _flag("--fresh", "Search anew, even if the same problem was solved before.")]

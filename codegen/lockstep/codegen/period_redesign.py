@@ -203,8 +203,8 @@ def _searched(stored: Stored, effort: Effort) -> tuple[Gains, PairWeights]:
     found = redesigned(at, starts, rho_most=table.rho, enough=enough, tell=effort.tell)
     if found is None:
         raise Infeasible(
-            f"no gains were found whose sampled loop is certified at {period:g} s: shorten [controller] period, or lower"
-            " [design] gain_limit or decay",
+            f"no gains were found whose sampled loop is certified at {period:g} s: shorten [controller] period,"
+            f" {'raise [design] order, ' * (order < problem.agent().n)}or lower [design] gain_limit or decay",
             period=period,
         )
     return Gains.from_blocks(short_gains(found.K, limit), order), found.m
