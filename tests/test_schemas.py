@@ -196,6 +196,7 @@ def test_the_schema_of_designs_and_the_reader_have_the_same_keys():
     seldom = {
         "limits_gain",
         "clipped",
+        "sampled_decay",
         "messages",
         "messages_rho",
         "fixed",

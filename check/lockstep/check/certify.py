@@ -6,7 +6,8 @@
     certificate    rho of the continuous controllers, in rationals
     asked          the file claims no less than its problem asks for
     decay, controllers_stable, floor, initial_set   where they are claimed
-    sampled        agreement of the sampled, rounded controllers, in balls;  sampled_rho, max_period, limits: where claimed
+    sampled        agreement of the sampled, rounded controllers, in balls;  sampled_decay, sampled_rho, max_period,
+                   limits: where claimed
     fixed, fixed_rho, fixed_radius   the controllers in integers, read out of the C of a folder: where claimed
     messages       the same with messages lost or late, at least as asked;  messages_rho: where claimed
     code           the controllers read out of the C are those of the design
@@ -191,10 +192,16 @@ def _sampled(stored: CheckedFile, network: ExactNetwork, folder: Path | None) ->
     if claims.certified or folder is not None:
         found = decide_held(stored, network, held, proofs.sampled)
         yield "sampled", _as_claimed(claims, found)
+    if (decay := claims.fastest_decay) is not None:
+        fast = decide_held(stored, network, held, proofs.sampled_decay)
+        holds = fast.certified and fast.decay <= decay
+        yield "sampled_decay", Verdict.of(f"a V shrinks by {decay:.10g} in a period", holds)
     if claims.rho is not None:
         yield "sampled_rho", _rho(stored, network, held)
     if claims.max_period is not None and not (claims.certified and claims.max_period == problem.period):
-        yield "max_period", _longest(stored, network, claims.max_period)
+        own = held_controllers(stored, claims.max_period)
+        found = decide_held(stored, network, own, proofs.max_period, claims.max_period)
+        yield "max_period", Verdict("proved" if found.certified else "undecided", found.reason)
     yield from decide_limits(stored, network, held)
     if stored.claims.fixed is not None:
         yield from decide_fixed(stored, network, held, folder)
@@ -228,11 +235,3 @@ def _rho(stored: CheckedFile, network: ExactNetwork, held: tuple[HeldController,
         at = sampled_network(stored, network, period)
         holds = proves_rho(sampled_loop(at, held, weights.outputs), weights, rho, witness)
     return Verdict.of(said, holds)
-
-
-def _longest(stored: CheckedFile, network: ExactNetwork, period: float) -> Verdict:
-    witness = stored.proofs.max_period
-    if witness is None:
-        return Verdict("undecided", f"a largest period of {period:g} s is claimed without a witness")
-    found = decide_held(stored, network, held_controllers(stored, period), witness, period)
-    return Verdict("proved" if found.certified else "undecided", found.reason)

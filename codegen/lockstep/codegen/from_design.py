@@ -210,7 +210,8 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in claims.fragility.items() if value}
     covered, scope = sampled.certified, claims.scope or "local"
-    rate = sampled_rate(sampled.decay, stored.problem.controller.period) if covered else None
+    decays = (sampled.decay, sampled.fastest_decay) if covered else ()
+    rate = sampled_rate(stored.problem.controller.period, *decays)
     continuous = "rho, delta and decay" if delta else "rho and decay"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
     if scope == "local":

@@ -35,6 +35,7 @@ from lockstep.lmi.sampled import (
     sampled_rho,
 )
 from lockstep.lmi.sampled.loop_gain import common_pair_weights
+from lockstep.lmi.sampled.witnesses import certify_decay
 from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 from lockstep.model.plain_json import to_json
@@ -53,13 +54,15 @@ class HeldVerdict:
     """What is proved of sampled, rounded controllers.
 
     verdict: at their period;  longest: at the largest period certified for the design's gains, sampled anew;  rho: the
-    disturbance gain of the sampled loop, if proved;  messages: what is proved of messages that are lost or late.
+    disturbance gain of the sampled loop, if proved;  messages: what is proved of messages that are lost or late;  fastest:
+    the verdict by a V that decays faster, if there is one.
     """
 
     verdict: SampledVerdict
     longest: SampledVerdict | None = None
     rho: SampledRho | ModalRho | None = None
     messages: MessageProof = field(default_factory=MessageProof)
+    fastest: SampledVerdict | None = None
 
     def claims(self) -> SampledClaims:
         """Return what may be claimed."""
@@ -77,6 +80,7 @@ class HeldVerdict:
             sampled.residual_from_underflow,
             sampled.deltas,
             longest,
+            fastest_decay=None if self.fastest is None else self.fastest.decay,
         )
 
     def remarks(self) -> dict[str, Any]:
@@ -110,9 +114,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     if guess is None:
         guess = _guess(stored)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    verdict = certify_sampled(
-        network, controllers, guess, witness=known, rate=stored.problem.design.decay or 0.0
-    )
+    verdict = certify_sampled(network, controllers, guess, witness=known)
     rho = None
     if verdict.certified:
         weights = stored.problem.performance
@@ -123,6 +125,10 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     found = HeldVerdict(verdict, reach, rho)
     if verdict.witness is None:
         return found
+    fast, proved = stored.proofs.sampled_decay, (verdict.witness, rho and rho.witness, stored.proofs.decay)
+    tried = [one.m for one in proved if isinstance(one, Witness | Certificate)]
+    own = {"witness": fast if isinstance(fast, Witness) else None}
+    found = replace(found, fastest=certify_decay(network, controllers, tried, verdict.decay, **own))
     return replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
 
 
@@ -136,8 +142,7 @@ def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldControlle
     network = sampled_network(stored)
     controllers = sampled_controllers(stored, stored.problem.controller.period)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    asked, guess = stored.problem.design.decay or 0.0, _guess(stored)
-    return network, controllers, certify_sampled(network, controllers, guess, witness=known, rate=asked)
+    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=known)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
@@ -150,6 +155,7 @@ def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:
         sampled=held.verdict.witness,
         sampled_rho=None if held.rho is None else held.rho.witness,
         max_period=None if held.longest is None else held.longest.witness,
+        sampled_decay=None if held.fastest is None else held.fastest.witness,
         messages=held.messages.witness,
         messages_rho=held.messages.of_rho,
         radius=None,

@@ -94,7 +94,7 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
         yield DatasheetTerm(
             "longest period", f"{sampled.max_period:g} s", BALL, "the same gains, discretised for it"
         )
-    if rate := sampled_rate(sampled.decay, sampled.period):
+    if rate := sampled_rate(sampled.period, sampled.decay, sampled.fastest_decay):
         said = "every disagreement shrinks so at least in the long run, of the loop with the controllers that ship"
         yield DatasheetTerm("convergence, sampled", f"{rate:g} 1/s", BALL, said)
     yield DatasheetTerm(

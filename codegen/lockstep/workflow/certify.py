@@ -177,12 +177,13 @@ def _sampled(design: Design, verdict: "ClaimDecisions") -> dict[str, Any]:
     shown = SampledClaims(max_period=longest)
     if certified:
         named = {"sampled_rho": ["rho"], "limits": ["radius", "half_axes"], "limits_gain": ["limits_gain"]}
-        named["clipped"] = ["clipped_radius", "clipped_half_axes"]
+        named |= {"clipped": ["clipped_radius", "clipped_half_axes"], "sampled_decay": ["fastest_decay"]}
         lost: dict[str, Any] = {
             key: None for name in named if not verdict.proves(name) for key in named[name]
         }
         shown = replace(claims, certified=True, max_period=longest or table.period, **lost)
     made = verdict.verdicts.get("sampled") or verdict.verdicts.get("code")
     reason = made.reason if made else UNDECIDED if claims.certified else UNCLAIMED
-    rate, of = sampled_rate(shown.decay, table.period), {"period": table.period, "delay": table.delay}
-    return {"reason": reason, **sampled_document(shown), "rate": rate, **of}
+    rate = sampled_rate(table.period, shown.decay, shown.fastest_decay)
+    of = {"rate": rate, "period": table.period, "delay": table.delay}
+    return {"reason": reason, **sampled_document(shown), **of}

@@ -206,7 +206,7 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         f"The controllers that ship agree too: {table.real}, stepped {1 / table.period:.6g} times a second, their output held"
         f" and applied {delay}; between the samples as well.{degree} Decided in ball arithmetic.",
     )
-    if rate := sampled_rate(sampled.get("decay"), table.period):
+    if rate := sampled_rate(table.period, sampled.get("decay"), sampled.get("fastest_decay")):
         yield Statement(
             "convergence rate, sampled",
             f"{rate:g} 1/s",

@@ -17,7 +17,7 @@ from lockstep.check.sampled.modes import SampledModalWitness
 from lockstep.check.system.loop import Gains
 from lockstep.model.plain_json import plain
 
-LATER = ("limits_gain", "clipped_radius", "half_axes", "clipped_half_axes")
+LATER = ("limits_gain", "clipped_radius", "half_axes", "clipped_half_axes", "fastest_decay")
 """Claims of the sampled controllers that files from before do not have."""
 
 
@@ -112,7 +112,7 @@ def proofs_document(proofs: Proofs) -> dict[str, Any]:
         key: None if (one := getattr(proofs, key)) is None else witness_document(one)
         for key in ("sampled", "sampled_rho", "max_period", "radius")
     }
-    names = ("limits_gain", "clipped", "messages", "messages_rho", "fixed")
+    names = ("limits_gain", "clipped", "messages", "messages_rho", "fixed", "sampled_decay")
     later = {key: witness_document(one) for key in names if (one := getattr(proofs, key)) is not None}
     return {
         "certificate": None if proofs.certificate is None else certificate_document(proofs.certificate),

@@ -21,6 +21,7 @@ FIXED = ("fixed", "fixed_rho", "fixed_radius")
 SAMPLED = (
     "controllers_stable_sampled",
     "sampled",
+    "sampled_decay",
     "sampled_rho",
     "max_period",
     "limits",

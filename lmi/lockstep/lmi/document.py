@@ -154,7 +154,7 @@ def sampled_answer(stored: Stored) -> dict[str, Any]:
     """Return what is claimed of the sampled controllers, and remarks of them."""
     claims = sampled_document(stored.claims.sampled)
     period, delay = stored.problem.controller.period, stored.problem.controller.delay
-    rate = sampled_rate(stored.claims.sampled.decay, period)
+    rate = sampled_rate(period, stored.claims.sampled.decay, stored.claims.sampled.fastest_decay)
     asked = {} if (decay := stored.problem.design.decay) is None else {"rate_asked": decay}
     said = {**_table(stored.info, "sampled"), **claims, "rate": rate, **asked}
     return {**said, "period": period, "delay": delay}

@@ -163,6 +163,7 @@ def _root_below(square: Fraction) -> float:
     return r
 
 
-def sampled_rate(decay: float | None, period: float) -> float | None:
-    """Return the rate in 1/s of a disagreement whose V falls by a factor a sample, rounded down; None without one."""
-    return round_down(-math.log(decay) / (2 * period)) if decay and decay < 1 else None
+def sampled_rate(period: float, *decays: float | None) -> float | None:
+    """Return the rate in 1/s of a disagreement of which a V falls by one of these factors a sample, rounded down, or None."""
+    decay = min((one for one in decays if one), default=1.0)
+    return round_down(-math.log(decay) / (2 * period)) if decay < 1 else None

@@ -72,7 +72,8 @@ class SampledClaims:
     disagreements up to it, controllers at rest, no input meets its limit (larger is better);  limits_gain: none does under
     a disturbance from agreement, of energy limits_gain^2 (larger is better);  clipped_radius: from disagreements up to it
     the loop converges with its inputs clipped (larger is better);  half_axes, clipped_half_axes: the same from disagreements
-    with sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1, a in the unit of each state (larger is better).
+    with sum_i sum_k ((x_ik - mean_k) / a_k)^2 <= 1, a in the unit of each state (larger is better);  fastest_decay: as decay,
+    of a V of its own: the one that says most of residuals decays slowly (smaller is better).
     """
 
     certified: Annotated[bool, read.flag] = False
@@ -90,6 +91,7 @@ class SampledClaims:
     clipped_radius: PositiveOrNone = None
     half_axes: Annotated[tuple[float, ...] | None, _AXES] = None
     clipped_half_axes: Annotated[tuple[float, ...] | None, _AXES] = None
+    fastest_decay: PositiveOrNone = None
 
     def __post_init__(self) -> None:
         claimed = [one for key, one in vars(self).items() if key not in ("certified", "max_period")]

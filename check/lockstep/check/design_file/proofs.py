@@ -43,9 +43,10 @@ class Proofs:
     certificate: of rho, with P, m, t;  decay: a certificate of the loop of e^(decay t) x_cl, with a rho of its own;
     initial_set: one of the loop itself, with a rho of its own, where the certificate does not prove the set;  floor: dual
     points;  sampled, sampled_rho, max_period, radius, limits_gain, clipped: of the sampled loop, at its period, of its rho,
-    at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;  bound: of
-    alpha and the entries;  messages, messages_rho: of the sampled loop whose messages are lost or late;  fixed: of the
-    controllers in integers. A claim whose witness is None is proved anew, or is not.
+    at the largest period claimed, of the radius, of the energy that meets no limit, and of the clipped loop;
+    sampled_decay: of its fastest decay;  bound: of alpha and the entries;  messages, messages_rho: of the sampled loop
+    whose messages are lost or late;  fixed: of the controllers in integers. A claim whose witness is None is proved anew, or
+    is not.
     """
 
     certificate: Certificate | ModalCertificate | None = None
@@ -54,6 +55,7 @@ class Proofs:
     sampled: Witness | SampledModalWitness | None = None
     sampled_rho: Witness | SampledModalWitness | None = None
     max_period: Witness | SampledModalWitness | None = None
+    sampled_decay: Witness | SampledModalWitness | None = None
     radius: Witness | None = None
     bound: BoundProof | None = None
     messages: MessageWitness | None = None
@@ -70,13 +72,13 @@ def proofs_of(content: Any, claims: Claims, sizes: Sizes) -> Proofs:
     Raises:
         ProblemError: a key missing or unknown, a witness of another shape, or a floor that is claimed without one.
     """
-    rho, maybe = claims.floor, read.or_none(sampled_witness_of)
+    rho, maybe, held = claims.floor, read.or_none(sampled_witness_of), read.or_none(_sampled_witness)
     move = read.made(Move, {"component": read.position, "argument": read.position, "amount": _rational})
     readers: dict[str, read.Reader] = {
         "certificate": read.or_none(partial(_certificate, claims, sizes, claims.rho)),
         "decay": read.or_none(partial(_with_rho, claims, sizes)),
         "floor": lambda value, where: None if rho is None else floor_witness_of(rho, value, where),
-        **dict.fromkeys(("sampled", "sampled_rho", "max_period"), read.or_none(_sampled_witness)),
+        **dict.fromkeys(("sampled", "sampled_rho", "max_period", "sampled_decay"), held),
         "radius": maybe,
         "bound": read.or_none(
             read.made(

@@ -3,6 +3,7 @@
 Nothing here is believed: `lockstep.check.sampled.certificate` decides, and needs none of this.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
@@ -18,13 +19,16 @@ from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
-from lockstep.lmi.sampled.candidates import candidates
+from lockstep.lmi.sampled.candidates import candidates, fast
 from lockstep.lmi.sampled.loop_gain import best_multiplier, gain, spectral_radius
 from lockstep.lmi.sampled.storage import in_exact_arithmetic
 from lockstep.lmi.shapes import PairWeights
 
 TRIES = 3
 """Candidates put to the proof: the first nearly always holds."""
+
+LEAST = 1e-6
+"""Of the largest pair weight: without a pair M may be singular."""
 
 ROUNDED = (
     "without rounding there is one (computed): lower the gains, which may be large and cancel (`gain_limit`), or take"
@@ -40,7 +44,6 @@ def certify_sampled(
     *,
     witness: Witness | None = None,
     thorough: bool = True,
-    rate: float = 0.0,
 ) -> SampledVerdict:
     """Prove the sampled nonlinear loop with every rounding of its arithmetic, or say why it could not be.
 
@@ -50,7 +53,6 @@ def certify_sampled(
         guess: pair weights to start from, such as those of the continuous certificate.
         witness: a candidate that is put to the proof before any is searched for.
         thorough: look for the witness that says most about noise, not for the first that proves stability.
-        rate: in 1/s, that disagreements are asked to decay at: a witness of less is taken where there is no other.
 
     Raises:
         ProblemError: controllers that do not fit the agents.
@@ -80,10 +82,10 @@ def certify_sampled(
         )
         said = f"{at} the gain around the nonlinearity {found} below 1"
         return replace(refused(network, controllers, said), figures=figures)
-    said, kept = f"{at} no certificate was found", float(np.exp(-2 * rate * network.period))
+    said = f"{at} no certificate was found"
     # The weights of the least gain may be so unequal that no doubles hold a witness: the guess is tried as well.
     for weights in (m, first) if gain(loop, one, first) < 1 else (m,):
-        trials = islice(candidates(loop, one, weights, thorough=thorough, kept=kept), TRIES)
+        trials = islice(candidates(loop, one, weights, thorough=thorough), TRIES)
         best = next(trials, None)
         if best is None:
             continue
@@ -95,6 +97,32 @@ def certify_sampled(
     if rounded and next(candidates(in_exact_arithmetic(loop), one, m, thorough=False), None) is not None:
         said += f": {ROUNDED}"
     return replace(refused(network, controllers, said), figures=figures)
+
+
+def certify_decay(
+    network: SampledNetwork,
+    controllers: tuple[HeldController, ...],
+    weights: Sequence[PairWeights],
+    slow: float,
+    *,
+    witness: Witness | None = None,
+) -> SampledVerdict | None:
+    """Prove a decay of V that is less than `slow`, by a V of its own: one that bounds residuals well decays slowly.
+
+    Args:
+        network, controllers: of a loop that is certified.
+        weights: pair weights to try.
+        slow: the factor of V in a period that is known.
+        witness: put to the proof before any is searched for.
+    """
+    loop = in_doubles(network, controllers)
+    one = period_in_doubles(loop)
+    positive = [np.maximum(m, LEAST * m.max()) for m in (first_guess(network.d, known) for known in weights)]
+    found = iter(()) if one is None else fast(loop, one, positive)
+    for trial in found if witness is None else chain([witness], found):
+        if trial.decay < slow and (verdict := decide_sampled(network, controllers, [trial])).certified:
+            return verdict
+    return None
 
 
 def first_guess(d: Disagreement, guess: PairWeights | None) -> PairWeights:
