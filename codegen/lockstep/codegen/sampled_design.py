@@ -106,7 +106,7 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     try:
         if splits(stored) and (stored.problem.messages is None or stored.problem.spectrum is not None):
             modes = prove_modes_of(stored, sector(stored, stored.problem.agent().lure))
-            return HeldVerdict(modes.verdict, modes.longest, modes.rho)
+            return HeldVerdict(modes.verdict, modes.longest, modes.rho, fastest=modes.fastest)
         network = sampled_network(stored)
         controllers = sampled_controllers(stored, period)
     except (BoundNotProved, ProblemError) as error:

@@ -18,7 +18,7 @@ from lockstep.check.sampled.sector import Sector
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.laplacian_spectrum import metric
 from lockstep.lmi.document import Stored
-from lockstep.lmi.sampled.modal.witnesses import certify_modal, longest_modal, modal_rho
+from lockstep.lmi.sampled.modal.witnesses import certify_modal, certify_modal_decay, longest_modal, modal_rho
 from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
 
@@ -33,11 +33,12 @@ class ModalRho:
 
 @dataclass(frozen=True)
 class ModalProofs:
-    """The verdict at the problem's period, the one at the longest, and rho."""
+    """The verdict at the problem's period, the one at the longest, rho, and the verdict by a V that decays faster."""
 
     verdict: SampledVerdict
     longest: SampledVerdict | None
     rho: ModalRho | None
+    fastest: SampledVerdict | None
 
 
 def splits(stored: Stored) -> bool:
@@ -73,7 +74,13 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
         longest = longest_modal(loop_at, period, c.ends, weights)
     if verdict.certified and (longest is None or longest.period < verdict.period):
         longest = verdict
-    return ModalProofs(verdict, longest, rho)
+    fastest, known = (
+        None,
+        proofs.sampled_decay if isinstance(proofs.sampled_decay, SampledModalWitness) else None,
+    )
+    if verdict.certified:
+        fastest = certify_modal_decay(loop, c.ends, weights, verdict.decay, known)
+    return ModalProofs(verdict, longest, rho, fastest)
 
 
 def _stated(stored: Stored, loop: ModalLoop) -> ModalRho | None:

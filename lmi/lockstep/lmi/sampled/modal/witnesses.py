@@ -35,8 +35,8 @@ SCALES = (0.0, -0.15, 0.15, -0.3, 0.3, 0.6, -0.6)
 MOST_RHO, FINENESS = 100.0, 2e-3
 """The sampled rho is looked for up to so many times the continuous one, and as finely as that."""
 
-RATES = (0.3, 0.1, 0.03, 0.01)
-"""How fast V is asked to decay, as parts of how fast the linear loop does."""
+RATES, FASTEST = (0.3, 0.1, 0.03, 0.01), (0.97, 0.9, 0.8, 0.65, 0.5)
+"""How fast V is asked to decay, as parts of how fast the linear loop does: to pass little noise on, and as fast as it may."""
 
 TRIES = 3
 """How many quiet witnesses are put to the proof."""
@@ -62,23 +62,38 @@ def certify_modal(
             return replayed
     said, at = "no certificate was found mode by mode", f"at {loop.network.period:g} s"
     setting = ModalSetting(loop, _outside(loop, ends), weights)
-    trials = list[tuple[float, SampledModalWitness]]()
-    for rate in RATES:
-        quiet = quiet_storages(setting, rate)
-        for dear in PRICES_OF_ROUNDING:
-            if quiet is None:
-                break
-            one = next(priced_modal_witness(setting, quiet[2:], dear, quiet[:2]), None)
-            if one is not None:
-                trials.append((_ultimate(one), one))
-                break
-    quietest = (one for _, one in sorted(trials, key=lambda pair: pair[0])[:TRIES])
+    trials = [one for rate in RATES if (one := _decaying(setting, rate)) is not None]
+    quietest = sorted(trials, key=_ultimate)[:TRIES]
     for one in chain(quietest, _of_any_noise(setting)):
         verdict = decide_modal_sampled(loop, one)
         if verdict.certified:
             return verdict
         said = verdict.reason
     return refused(loop.network, loop.controllers, f"{at} {said}")
+
+
+def certify_modal_decay(
+    loop: ModalLoop,
+    ends: Sequence[float],
+    weights: Performance,
+    slow: float,
+    known: SampledModalWitness | None,
+) -> SampledVerdict | None:
+    """Prove a decay of V that is less than `slow`, by a V of its own, a known witness being tried first; or None."""
+    setting = ModalSetting(loop, _outside(loop, ends), weights)
+    for one in chain([known], (_decaying(setting, rate) for rate in FASTEST)):
+        if one is not None and one.decay < slow and (found := decide_modal_sampled(loop, one)).certified:
+            return found
+    return None
+
+
+def _decaying(setting: ModalSetting, rate: float) -> SampledModalWitness | None:
+    """Return a witness that passes little noise on, of a V that shrinks by a part of what the linear loop does."""
+    quiet = quiet_storages(setting, rate)
+    if quiet is None:
+        return None
+    each = (priced_modal_witness(setting, quiet[2:], t, quiet[:2]) for t in PRICES_OF_ROUNDING)
+    return next(chain.from_iterable(each), None)
 
 
 def _ultimate(witness: SampledModalWitness) -> float:
