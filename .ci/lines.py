@@ -59,8 +59,8 @@ LATER = {
             "model/lockstep/model/graphs/membership.py",
             "model/lockstep/model/problem/graph_file.py",
         ],
-        # 1180 before the search over a few modes moved in, out of the roots, and took directed graphs as well; 1280 before the
-        # decay of what ships had a witness of its own.
+        # 1180 before the search over a few modes moved in, out of the roots, and took directed graphs as well;
+        # 1280 before the decay of what ships had a witness of its own.
         1290,
     ),
     "gains of their own of many agents: multipliers by frequencies": (

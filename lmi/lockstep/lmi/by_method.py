@@ -92,7 +92,7 @@ def given(posed: Posed, tell: Progress) -> Proposal:
 
 def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertified) -> NotCertified:
     """Return what given gains do instead: their linear loop is unstable, or they carry a part of alpha only."""
-    abscissa = float(error.figures.get("abscissa", 0.0))
+    abscissa = error.figures.get("abscissa", -np.inf)  # where a proof failed, and not the loop, there is none
     if abscissa >= 0:
         n_C, why = gains.order, "with r = sum a_ij (y_i - y_j) negative feedback is u = -r"
         for i in np.flatnonzero(network.graph.in_degrees == 0) if n_C else ():

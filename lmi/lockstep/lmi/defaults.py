@@ -6,8 +6,8 @@ names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and i
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less for some entry, or in natural units
-    gain_units          natural units, where gains of size one are further apart than 300, or a norm would leave C and D more
-                        than ten times what actuators can: `gain_limit` counts in them
+    gain_units          natural units, where gains of size one are further apart than 300, or a norm would let the first u
+                        be larger than they do: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -70,9 +70,6 @@ make the natural unit of time far shorter than the period. No example or field t
 FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50. And
 between gains of size one: beyond, the norm of [A B; C D] is that of the largest entry."""
-
-OF_U = 10.0
-"""Times what actuators can, to which a norm with A_C in 1/s may let C and D grow: beyond, each entry has its own size."""
 
 TRIED = {"given_up": "before that", "not_taken": "after that, and not taken"}
 """What is said in a design of the other specifications that were tried, by key, and when that was."""
@@ -153,10 +150,10 @@ def _within_limits(
     _, S_u, S_y, time, _ = natural_units(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     u = HALF * problem.limits / float((heard @ S_y).max())
     sizes = _sizes(problem.order, np.where(np.isinf(u), S_u, u), S_y, time)
-    of_u = np.linalg.norm(sizes, 2) / np.linalg.norm(sizes[problem.order :], 2)
-    limit = _limit(
-        problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0, apart=FAR_APART if of_u <= OF_U else 0.0
-    )
+    first = np.linalg.norm(sizes, 2) * np.linalg.norm(heard, axis=1).max()
+    loose = problem.order and first > np.sqrt(sizes.size) * HALF * problem.limits.min()
+    apart = 0.0 if loose else FAR_APART
+    limit = _limit(problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0, apart=apart)
     if "gain_units" not in limit:
         limit = _limit(problem, u[[u.argmin()]], S_y, time, 1.0)
     ours, theirs = (np.asarray(_with(problem, one).gain_limit) for one in (limit, most))

@@ -1,9 +1,12 @@
 """What stands in the way of a design is named: each obstacle alone, on problems whose obstacle is known by hand."""
 
+import numpy as np
 import pytest
 from lmi_cases import problem
 
-from lockstep.check.errors import Infeasible, OutOfTime, ProblemError
+from lockstep.check.errors import Infeasible, NotCertified, OutOfTime, ProblemError
+from lockstep.check.system.loop import Gains
+from lockstep.lmi.by_method import _not_carried
 from lockstep.lmi.design import design
 from lockstep.lmi.diagnosis.active_constraint import hint
 from lockstep.lmi.proposal import claim_of, proved_bound
@@ -105,9 +108,21 @@ def test_a_modal_search_cannot_be_cut() -> None:
 
 
 @pytest.mark.slow
-def test_a_decay_that_blocks_is_named_and_no_gain_is_promised() -> None:
+@pytest.mark.parametrize("key", ["decay", "search_decay"])
+def test_a_decay_that_blocks_is_named_and_no_gain_is_promised(key: str) -> None:
     """x_d' = -(d_1 + d_2) x_d + phi_d with |d| <= 2 and alpha = 1: a decay of 3 at most, so that 5 is none."""
-    with pytest.raises(Infeasible, match="decay is what blocks: without it gains were found") as error:
-        design(softened("gain_limit = 2.0\ndecay = 5.0"), jobs=1)
-    assert error.value.figures["cause"] == "decay"
+    with pytest.raises(Infeasible, match=rf"\] {key} is what blocks: without it gains were found") as error:
+        design(softened(f"gain_limit = 2.0\n{key} = 5.0"), jobs=1)
+    assert error.value.figures["cause"] == key
     assert "sufficient_gain_limit" not in error.value.figures
+
+
+def test_gains_whose_proof_failed_are_not_said_to_be_unstable() -> None:
+    """What the exact check refuses has no abscissa among its figures: nothing is known to be unstable then."""
+    posed = softened("gain_limit = 10.0")
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound), claim_of(posed, bound)
+    gains = Gains.from_blocks(np.full((network.N, 1, 1), -2.0), 0)
+    said = _not_carried(network, gains, asked, NotCertified("the candidate did not survive"))
+    assert "unstable" not in str(said)
+    assert "of it is carried" in str(said)

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lmi_cases import ALPHA, arms, claim, published
+from lmi_cases import ALPHA, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_time
 from lockstep.lmi.search.smoothed_norm import SmoothedNorm, norm_descent, refined_to_maximum
 from lockstep.model.agents.agent import Agent
+from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network
 
@@ -153,3 +155,18 @@ def test_a_descent_from_the_published_gains_more_than_halves_their_rho() -> None
     # The certificate chooses its multipliers itself; the level is what a peak between the frequencies may exceed by 1 %.
     assert certified.rho < 1.01 * further.rho
     assert max(np.linalg.norm(block, 2) for block in further.K) < 50.0
+
+
+def test_gains_with_a_pole_on_the_axis_have_no_rho() -> None:
+    """x'' = u - 0.1 sin x, of which x alone is heard by nobody's gain: the poles are 0 and stay there."""
+    posed = problem(
+        dynamics={"x": "v", "v": "u - 0.1*sin(x)"},
+        outputs={"y": "x"},
+        network='agents = 2\ntopology = "path"',
+        design="order = 0\ngain_limit = 10.0",
+        agent="centre = false",
+    )
+    bound = proved_bound(posed)
+    network, asked = network_of(posed, bound), claim_of(posed, bound)
+    found = norm_descent(GainSearch.of(network.loop(0), asked, 10.0).norm, np.zeros((2, 1, 1)))
+    assert not np.isfinite(found.rho)

@@ -77,10 +77,11 @@ def is_designed(problem: Problem, network: Network, claim: Claim, gain_limit: Ga
 
 
 def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
-    if not problem.design.decay or not is_designed(problem, network, claim, problem.gain_limit):
+    key = "decay" if problem.design.decay else "search_decay"
+    if not getattr(problem.design, key) or not is_designed(problem, network, claim, problem.gain_limit):
         return None
-    said = "; [design] decay is what blocks: without it gains were found; lower decay, or raise gain_limit or starts"
-    return said, {"cause": "decay"}
+    said = f"; [design] {key} is what blocks: without it gains were found; lower {key}, or raise gain_limit or starts"
+    return said, {"cause": key}
 
 
 def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:

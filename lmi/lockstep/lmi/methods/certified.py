@@ -169,9 +169,10 @@ def gain_search(
     problem: Problem, network: Network, claim: Claim, lag: float, rate: float | None
 ) -> GainSearch:
     """Return the search for the gains of a problem; with that for controllers with a state less, whose multipliers are to be
-    as many, unless each start of it takes minutes."""
+    as many, unless each start of it takes minutes, or none can be stable."""
     loop, lower = network.loop(problem.order), None
-    if problem.order > claim.delta.any() and not eliminates_P(loop):
+    futile = problem.order == 1 and static_gains_cannot_stabilise(network)
+    if problem.order > claim.delta.any() and not futile and not eliminates_P(loop):
         table = problem.design.model_copy(update={"order": problem.order - 1})
         less = replace(problem, file=problem.file.model_copy(update={"design": table}))
         lower = gain_search(less, network, replace(claim, Q=claim.Q[1:, 1:]), lag, rate)

@@ -2,8 +2,8 @@
 
 Without rounding it is `step_program` with P >= k_l' k_l / u_max,l^2 for every input and gamma (T T')^-1 (x) diag(s)^-2 >=
 P_d, gamma least: the half-axes are gamma^-1/2 s. The sizes s of the states, all 1 where nothing is said, weigh metres against
-metres per second. Of a large loop P and the pair weights are sums of the smallest
-P (`storage`) for some costs and multiples of the weights that are given. The largest energy of a disturbance is that of the
+metres per second. Of a large loop, and where the solver gives up, P and the pair weights are sums of the smallest P
+(`storage`) for some costs and multiples of the weights that are given. The largest energy of a disturbance is that of the
 largest P, for which a factor of the pair weights and a decay are searched.
 """
 
@@ -98,9 +98,8 @@ def largest_radius(
     rows = np.array([row / limits[k % len(limits)] for k, row in enumerate(loop.computed[:, : loop.n_x])])
 
     def least(decay: float) -> tuple[float, Witness] | None:
-        if is_large(loop):
-            return level_of_given_weights(loop, one, rows, decay, guess, sizes)
-        return least_level(loop, one, rows, decay, sizes=sizes)
+        found = None if is_large(loop) else least_level(loop, one, rows, decay, sizes=sizes)
+        return found or level_of_given_weights(loop, one, rows, decay, guess, sizes)
 
     rates = () if spread <= 0 else RATES if is_large(loop) or loop.n_x <= SOME_STATES else RATES[1:2]
     found = [least(1 - rate * spread) for rate in rates]

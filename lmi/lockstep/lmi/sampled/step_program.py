@@ -117,8 +117,10 @@ def step_program(
     if L is None:
         return None
     inverse = np.linalg.inv(L)
-    values, vectors = np.linalg.eigh(one.BB_d)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > NOTHING * values.max(initial=0.0)]
+    # In units of each state: beside pascals an eigenvalue of metres looks like rounding.
+    sizes = np.sqrt(np.maximum(np.diag(one.BB_d), 1e-300))[:, None]
+    values, vectors = np.linalg.eigh(one.BB_d / sizes / sizes.T)
+    root = (sizes * vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > NOTHING * values.max(initial=0.0)]
     F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(T)
     D, rate = L.T @ (N[:, :n] - np.eye(n)) @ inverse.T / T, (1 - decay) / T
     B = L.T @ N[:, n:] / np.sqrt(T)
