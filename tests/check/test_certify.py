@@ -38,6 +38,7 @@ def test_the_design_and_its_c_are_proved_claim_by_claim(capsys: pytest.CaptureFi
     expected += [
         "controllers_stable_sampled",
         "sampled",
+        "sampled_decay",
         "sampled_rho",
         "max_period",
         "limits",

@@ -227,11 +227,11 @@ def test_certify_prints_the_decay_of_the_worked_example() -> None:
     assert f"every disagreement at {decay:.6g} 1/s or faster" in " ".join(printed.split())
 
 
-@pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.3, True)])
+@pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.4, True)])
 def test_agents_that_agree_faster_by_themselves_are_said_to(alone, says, root) -> None:
-    """0.2437 1/s is proved of the sampled controllers: `rate` of the committed arms."""
+    """0.3077 1/s is proved of the sampled controllers: `rate` of the committed arms."""
     content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
-    assert 0.1 < content["sampled"]["rate"] < 0.3
+    assert 0.1 < content["sampled"]["rate"] < 0.4
     content = {**content, "figures": {**content["figures"], "rho_alone": 10.0, "decay_alone": alone}}
     console = Console(width=300, record=True, file=io.StringIO())
     console.print(summary(content))
