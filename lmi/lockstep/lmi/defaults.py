@@ -71,6 +71,9 @@ FAR_APART = 300.0
 """Between natural units of states: beyond, |x|^2 is of one state, and the others are free. Most problems have below 50. And
 between gains of size one: beyond, the norm of [A B; C D] is that of the largest entry."""
 
+OF_U = 10.0
+"""Times what actuators can, to which a norm with A_C in 1/s may let C and D grow: beyond, each entry has its own size."""
+
 TRIED = {"given_up": "before that", "not_taken": "after that, and not taken"}
 """What is said in a design of the other specifications that were tried, by key, and when that was."""
 
@@ -150,15 +153,17 @@ def _within_limits(
     _, S_u, S_y, time, _ = natural_units(network.plant, claim.alpha, claim.R, rounded=False, tau=tau)
     u = HALF * problem.limits / float((heard @ S_y).max())
     sizes = _sizes(problem.order, np.where(np.isinf(u), S_u, u), S_y, time)
-    first = np.linalg.norm(sizes, 2) * np.linalg.norm(heard, axis=1).max()
-    loose = problem.order and first > np.sqrt(sizes.size) * HALF * problem.limits.min()
-    apart = 0.0 if loose else FAR_APART
-    limit = _limit(problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0, apart=apart)
+    of_u = np.linalg.norm(sizes, 2) / np.linalg.norm(sizes[problem.order :], 2)
+    own = problem, np.where(np.isinf(u), S_u, u), S_y, time, 1.0
+    limit = _limit(*own, apart=FAR_APART if of_u <= OF_U else 0.0)
     if "gain_units" not in limit:
         limit = _limit(problem, u[[u.argmin()]], S_y, time, 1.0)
     ours, theirs = (np.asarray(_with(problem, one).gain_limit) for one in (limit, most))
     if problem.order and "gain_units" not in most and (ours >= theirs).all():
         return None
+    first = np.linalg.norm(sizes, 2) * np.linalg.norm(heard, axis=1).max()
+    if problem.order and first > np.sqrt(sizes.size) * HALF * problem.limits.min():
+        limit = _limit(*own, apart=0.0)
     said = _asked(problem, _of_two(problem, network), claim, tau, within=True)[0]
     said.pop("search_decay", None)
     return said | limit

@@ -146,6 +146,29 @@ def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
     assert limits_asked(cart(8.0))[0] == 0.06
 
 
+@pytest.mark.parametrize(("order", "natural"), [(0, False), (2, True)])
+def test_a_norm_that_lets_the_first_step_ask_too_much_counts_in_natural_units(
+    order: int, natural: bool
+) -> None:
+    """x'' = u, |u| <= 1, 8 m apart at rest: sizes are (1/4, 1/4, 1/16)' (1, 1, 1, 4), a norm of 1.6, which from 8 m lets D alone
+    ask for 12.5; twelve entries in their units let it ask for sqrt(12) / 2. Without states the norm is D's own."""
+    said = first_wishes(
+        problem(
+            dynamics={"p": "v", "v": "u"},
+            outputs={"y": "p", "w": "v"},
+            network=PATH_2,
+            agent="limits = { u = [-1.0, 1.0] }",
+            design=f"order = {order}\n[controller]\nperiod = 0.25\n"
+            "[simulation]\ninitial = [[0.0, 0.0], [8.0, 0.0]]",
+        )
+    )
+    assert (said.get("gain_units") is not None) is natural
+    if natural:
+        units = said["gain_units"]
+        first = said["gain_limit"] * units["inputs"]["u"] / units["outputs"]["y"] * 8.0
+        assert first < 2.0  # of 1.73 to one significant digit each
+
+
 @pytest.mark.parametrize("inputs", ["u", "u, w"])
 def test_actuators_that_never_reach_so_far_and_inputs_without_a_limit(inputs: str) -> None:
     """x' = u - x, |u| <= 0.08, is moved by 0.08 at most, the agents are 2 apart: 0.5 * 0.08 / 2. Of w nothing is known."""
