@@ -150,8 +150,8 @@ def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
 def test_a_norm_that_lets_the_first_step_ask_too_much_counts_in_natural_units(
     order: int, natural: bool
 ) -> None:
-    """x'' = u, |u| <= 1, 8 m apart at rest: sizes are (1/4, 1/4, 1/16)' (1, 1, 1, 4), a norm of 1.6, which from 8 m lets D alone
-    ask for 12.5; twelve entries in their units let it ask for sqrt(12) / 2. Without states the norm is D's own."""
+    """x'' = u, |u| <= 1, 8 m apart at rest: sizes are (1/4, 1/4, 1/16)' (1, 1, 1, 4), a norm of 1.6, which from 8 m lets D
+    alone ask for 12.5; twelve entries in their units let it ask for sqrt(12) / 2. Without states the norm is D's own."""
     said = first_wishes(
         problem(
             dynamics={"p": "v", "v": "u"},
