@@ -170,13 +170,16 @@ def gain_search(
 ) -> GainSearch:
     """Return the search for the gains of a problem; with that for controllers with a state less, whose multipliers are to be
     as many, unless each start of it takes minutes, or none can be stable."""
-    loop, lower = network.loop(problem.order), None
+    lower = None
     futile = problem.order == 1 and static_gains_cannot_stabilise(network)
-    if problem.order > claim.delta.any() and not futile and not eliminates_P(loop):
-        table = problem.design.model_copy(update={"order": problem.order - 1})
+    if problem.order > claim.delta.any() and not futile and not eliminates_P(network.loop(problem.order)):
+        weights = problem.design.weights.model_copy(
+            update={"controller": 1.0}
+        )  # of so many states; those are in Q
+        table = problem.design.model_copy(update={"order": problem.order - 1, "weights": weights})
         less = replace(problem, file=problem.file.model_copy(update={"design": table}))
         lower = gain_search(less, network, replace(claim, Q=claim.Q[1:, 1:]), lag, rate)
-    modes = equal_gains(problem, network, claim, rate)
+    modes, loop = equal_gains(problem, network, claim, rate), network.loop(problem.order)
     return GainSearch.of(loop, claim, problem.gain_limit, lag, rate, modes, lower)
 
 
