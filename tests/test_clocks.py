@@ -14,7 +14,7 @@ FOLDERS = [
 
 CLOCKS = {
     # a time limit that the user sets: it stops the search, and the design says so
-    *(f"lmi/{name}.py" for name in ("search/stopping", "attempts")),
+    *(f"lmi/{name}.py" for name in ("search/stopping", "specification/attempts")),
     # how long a search is likely to take, and figures for people
     "lmi/search/search_time.py",
     *(f"workflow/waiting/{name}.py" for name in ("progress_lines", "time_left")),

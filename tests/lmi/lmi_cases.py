@@ -11,10 +11,10 @@ from amini.claims.example import arm
 from cart import cart
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.defaults import specifications
 from lockstep.lmi.design import design
 from lockstep.lmi.document import Stored, design_file_of, parse
 from lockstep.lmi.proposal import claim_of, proved_bound
+from lockstep.lmi.specification.defaults import specifications
 from lockstep.model.assembly import network_of
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.network import Network

@@ -194,7 +194,7 @@ def _sampled(stored: CheckedFile, network: ExactNetwork, folder: Path | None) ->
         yield "sampled", _as_claimed(claims, found)
     if (decay := claims.fastest_decay) is not None:
         fast = decide_held(stored, network, held, proofs.sampled_decay)
-        holds = fast.certified and fast.decay <= decay
+        holds = fast.certified and fast.decay <= decay if proofs.sampled_decay else None
         yield "sampled_decay", Verdict.of(f"a V shrinks by {decay:.10g} in a period", holds)
     if claims.rho is not None:
         yield "sampled_rho", _rho(stored, network, held)

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
-from lockstep.lmi.defaults import TRIED
+from lockstep.lmi.specification.defaults import TRIED
 from lockstep.model.agents.arguments import units_text
 from lockstep.model.problem.tables.toml_text import value_text
 

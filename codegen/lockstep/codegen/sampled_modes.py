@@ -74,12 +74,10 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
         longest = longest_modal(loop_at, period, c.ends, weights)
     if verdict.certified and (longest is None or longest.period < verdict.period):
         longest = verdict
-    fastest, known = (
-        None,
-        proofs.sampled_decay if isinstance(proofs.sampled_decay, SampledModalWitness) else None,
-    )
+    fast, fastest = proofs.sampled_decay, None
     if verdict.certified:
-        fastest = certify_modal_decay(loop, c.ends, weights, verdict.decay, known)
+        own = fast if isinstance(fast, SampledModalWitness) else None
+        fastest = certify_modal_decay(loop, c.ends, weights, verdict.decay, own)
     return ModalProofs(verdict, longest, rho, fastest)
 
 

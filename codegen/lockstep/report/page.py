@@ -11,8 +11,8 @@ from lockstep.codegen.cost.cores import CORES
 from lockstep.codegen.emission.rendering import templates
 from lockstep.codegen.folder.guarantee_lines import lines_of
 from lockstep.lmi.analysis.decimals import above
-from lockstep.lmi.defaults import TRIED
 from lockstep.lmi.document import answer_document
+from lockstep.lmi.specification.defaults import TRIED
 from lockstep.model.problem.tables.toml_text import value_text
 from lockstep.model.simulation import effort_indices, indices
 from lockstep.report import formula

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from lockstep.check.errors import LockstepError
-from lockstep.lmi.defaults import KEYS
+from lockstep.lmi.specification.defaults import KEYS
 from lockstep.model.problem import Problem
 from lockstep.workflow.certify import certify
 from lockstep.workflow.design_file import Design

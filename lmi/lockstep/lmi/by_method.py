@@ -8,8 +8,7 @@ modal                the same for all agents, mode by mode (`methods.modal`)
 """
 
 import contextlib
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,27 +19,15 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.defaults import MUCH, VERY_FAR
 from lockstep.lmi.diagnosis.open_loop import rho_alone
 from lockstep.lmi.guarantees import abscissa, decay_alone
 from lockstep.lmi.proposal import Posed, Proposal, given_gains
-from lockstep.lmi.search.stopping import NothingYet, Stop
+from lockstep.lmi.search.stopping import NothingYet
+from lockstep.lmi.specification.attempts import Attempt, Progress
+from lockstep.lmi.specification.defaults import MUCH, VERY_FAR
 from lockstep.model.control.static_response import static_response
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the part of it that is done, from 0 to 1."""
-
-
-class Attempt(NamedTuple):
-    """What `design` is given beside the problem, and whether to look for what is in the way where no gains are found."""
-
-    jobs: int | None
-    tell: Progress
-    time_limit: float | None
-    stop: Stop
-    explain: bool
 
 
 def certified(posed: Posed, attempt: Attempt) -> Proposal:

@@ -13,12 +13,11 @@ from dataclasses import replace
 from lockstep.check.continuous.modes import ModalCertificate
 from lockstep.check.errors import demand
 from lockstep.lmi import by_method
-from lockstep.lmi.attempts import first_near_its_floor
-from lockstep.lmi.by_method import Attempt, Progress
 from lockstep.lmi.guarantees import guarantees
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.proposal import Posed, Proposal, proved_bound
 from lockstep.lmi.search.stopping import Stop
+from lockstep.lmi.specification.attempts import Attempt, Progress, first_near_its_floor
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
 

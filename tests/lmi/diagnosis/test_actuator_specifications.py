@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from lmi_cases import PATH_2, first_wishes, problem, stored
 
-from lockstep.lmi.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, specifications
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.proposal import claim_of, proved_bound
+from lockstep.lmi.specification.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, specifications
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 
@@ -117,10 +117,10 @@ def test_inputs_that_move_nothing_keep_their_usual_unit() -> None:
 def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:
     """Where actuators that take half lead to more than ten floors, what is asked for elsewhere is tried, taken if better."""
     said = []
-    monkeypatch.setattr("lockstep.lmi.attempts.MUCH", 1e9)
-    monkeypatch.setattr("lockstep.lmi.attempts.FAR", 1e9)
+    monkeypatch.setattr("lockstep.lmi.specification.attempts.MUCH", 1e9)
+    monkeypatch.setattr("lockstep.lmi.specification.attempts.FAR", 1e9)
     for far in (1e9, 1e-9):
-        monkeypatch.setattr("lockstep.lmi.attempts.VERY_FAR", far)
+        monkeypatch.setattr("lockstep.lmi.specification.attempts.VERY_FAR", far)
         said.append(stored(slider(4.0)).info["figures"]["defaults"])
     assert [one["gain_limit"] for one in said] == [1.0, GAIN_LIMIT]
     assert "given_up" not in said[0]

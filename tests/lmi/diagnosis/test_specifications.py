@@ -7,12 +7,12 @@ from lmi_cases import PATH_2, first_wishes, problem, stored
 import lockstep
 from lockstep.check.errors import Infeasible, NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
-from lockstep.lmi.defaults import GAIN_LIMIT, specifications
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.guarantees import fastest_decay
 from lockstep.lmi.methods.certified import decays_held
 from lockstep.lmi.proposal import claim_of, proved_bound
+from lockstep.lmi.specification.defaults import GAIN_LIMIT, specifications
 from lockstep.lmi.trade_off.pareto import Figures, ParetoPoint, pareto, pareto_csv, pareto_front
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem, parse_problem

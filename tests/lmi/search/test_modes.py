@@ -47,7 +47,7 @@ def begun_with(posed: Problem) -> GainSearch:
     """The search as a design makes it."""
     bound = proved_bound(posed)
     network, asked = network_of(posed, bound), claim_of(posed, bound)
-    modes = equal_gains(posed, network, asked, None)
+    modes = equal_gains(network, asked, posed.order, posed.design.gain_limit, None)
     loop = network.loop(posed.order)
     return GainSearch.of(loop, asked, posed.design.gain_limit, modes=modes)
 
@@ -117,9 +117,8 @@ def test_followers_on_a_path_are_made_stable_though_their_modes_are_one(index):
     posed = parse_problem(CARRIERS)
     bound = proved_bound(posed)
     network, asked = network_of(posed, bound).decaying(0.08), claim_of(posed, bound)
-    search = GainSearch.of(
-        network.loop(0), asked, posed.design.gain_limit, modes=equal_gains(posed, network, asked, None)
-    )
+    limit = posed.design.gain_limit
+    search = GainSearch.of(network.loop(0), asked, limit, modes=equal_gains(network, asked, 0, limit, None))
     assert search.abscissa(np.repeat([[[-8.0, -25.0]]], 4, axis=0)) < 0
     K, abscissa = stable_gains(search, 0, index)
     assert abscissa < 0
@@ -131,8 +130,9 @@ def test_agents_that_differ_have_no_equal_gains():
     bound = proved_bound(posed)
     network = network_of(posed, bound)
     other = replace(network, B=(*network.B[:-1], 2 * network.B[-1]))
-    assert equal_gains(posed, network, claim_of(posed, bound), None) is not None
-    assert equal_gains(posed, other, claim_of(posed, bound), None) is None
+    asked = claim_of(posed, bound)
+    assert equal_gains(network, asked, posed.order, 6.4, None) is not None
+    assert equal_gains(other, asked, posed.order, 6.4, None) is None
 
 
 @pytest.mark.parametrize(

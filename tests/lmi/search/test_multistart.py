@@ -9,7 +9,7 @@ from lockstep.lmi.methods.certified import gain_search
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import multistart
 from lockstep.lmi.search.local_search import Polished
-from lockstep.lmi.search.random_start import LOWER, GainSearch, StartResult, resume, run_start
+from lockstep.lmi.search.random_start import STARTS_PER_LOWER, GainSearch, StartResult, resume, run_start
 from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.model.assembly import network_of
 
@@ -85,7 +85,7 @@ def test_a_start_with_a_state_more_is_no_worse_than_that_without(index: int) -> 
     search = gain_search(posed, network, asked, 0.0, None)
     assert search.lower is not None
     low = resume(search.lower, None, run_start(search.lower, None, 0, index))
-    start = run_start(search, None, 0, LOWER * (index + 1) - 1)
+    start = run_start(search, None, 0, STARTS_PER_LOWER * (index + 1) - 1)
     assert np.isfinite(low.at.rho)
     assert start.at.K.shape == (3, 3, 3)
     # The couplings begin at a part of their unit, so that the descent does not begin with the rho of the order below.

@@ -158,7 +158,7 @@ def test_a_descent_from_the_published_gains_more_than_halves_their_rho() -> None
 
 
 def test_gains_with_a_pole_on_the_axis_have_no_rho() -> None:
-    """x'' = u - 0.1 sin x, of which x alone is heard by nobody's gain: the poles are 0 and stay there."""
+    """x'' = u - 0.1 sin x and gains of 0: both poles are 0, which no descent can leave with a finite rho."""
     posed = problem(
         dynamics={"x": "v", "v": "u - 0.1*sin(x)"},
         outputs={"y": "x"},

@@ -30,6 +30,7 @@ from lockstep.lmi.search.fastest_decay import raised_decay
 from lockstep.lmi.search.random_start import Homotopy, multipliers_only
 from lockstep.lmi.search.search_time import estimated_time
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
+from lockstep.lmi.shapes import GainLimit
 from lockstep.model.assembly import exact_network
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -166,24 +167,22 @@ def _tell_search(tell: Callable[[str, float], None], limit: str, likely: str, pa
 
 
 def gain_search(
-    problem: Problem, network: Network, claim: Claim, lag: float, rate: float | None
+    problem: Problem, network: Network, claim: Claim, lag: float, rate: float | None, fewer: int = 0
 ) -> GainSearch:
-    """Return the search for the gains of a problem; with that for controllers with a state less, whose multipliers are to be
-    as many, unless each start of it takes minutes, or none can be stable."""
-    lower = None
-    futile = problem.order == 1 and static_gains_cannot_stabilise(network)
-    if problem.order > claim.delta.any() and not futile and not eliminates_P(network.loop(problem.order)):
-        weights = problem.design.weights.model_copy(
-            update={"controller": 1.0}
-        )  # of so many states; those are in Q
-        table = problem.design.model_copy(update={"order": problem.order - 1, "weights": weights})
-        less = replace(problem, file=problem.file.model_copy(update={"design": table}))
-        lower = gain_search(less, network, replace(claim, Q=claim.Q[1:, 1:]), lag, rate)
-    modes, loop = equal_gains(problem, network, claim, rate), network.loop(problem.order)
-    return GainSearch.of(loop, claim, problem.gain_limit, lag, rate, modes, lower)
+    """Return the search for the gains of a problem, or of controllers with so many states fewer; with that for one
+    fewer, unless its multipliers are not as many (errors of A, B and C), none can be stable, or each start takes minutes."""
+    order, L = problem.order - fewer, problem.gain_limit
+    limit, lower, loop = L if np.ndim(L) == 0 else np.asarray(L)[fewer:, fewer:], None, network.loop(order)
+    futile = order == 1 and static_gains_cannot_stabilise(network)
+    if order > claim.delta.any() and not futile and not eliminates_P(loop):
+        lower = gain_search(problem, network, replace(claim, Q=claim.Q[1:, 1:]), lag, rate, fewer + 1)
+    modes = equal_gains(network, claim, order, limit, rate)
+    return GainSearch.of(loop, claim, limit, lag, rate, modes, lower)
 
 
-def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | None) -> ModalSearch | None:
+def equal_gains(
+    network: Network, claim: Claim, order: int, limit: GainLimit, rate: float | None
+) -> ModalSearch | None:
     """Return the search for gains that are equal for all agents; None where the agents differ."""
     plant = network.plant
     if any((plant.B[0] != B).any() for B in plant.B):
@@ -192,8 +191,7 @@ def equal_gains(problem: Problem, network: Network, claim: Claim, rate: float | 
         ends = segment_ends(network, check_covered(network.matrices, claim))
     except ProblemError:
         ends = representative_eigenvalues(np.linalg.eigvals(network.graph.laplacian))
-    modes = Modes(plant, problem.order, network.decay)
-    return ModalSearch.of(modes, claim, ends, problem.gain_limit, rate)
+    return ModalSearch.of(Modes(plant, order, network.decay), claim, ends, limit, rate)
 
 
 def decays_held(problem: Problem) -> tuple[float, ...]:

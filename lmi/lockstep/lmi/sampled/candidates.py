@@ -92,7 +92,7 @@ def candidates(loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool
         yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
 
 
-def fast(loop: SampledLoop, one: Lifted, weights: Sequence[PairWeights]) -> Iterator[Witness]:
+def fastest_candidates(loop: SampledLoop, one: Lifted, weights: Sequence[PairWeights]) -> Iterator[Witness]:
     """Yield witnesses for some pair weights, those that decay the fastest first, whatever noise they pass on.
 
     Args:

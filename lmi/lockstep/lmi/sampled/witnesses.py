@@ -19,7 +19,7 @@ from lockstep.check.sampled.lifting import Lifted, lift
 from lockstep.check.sampled.loop import NO_NOISE, SampledLoop, sampled_loop
 from lockstep.check.system.disagreement import Disagreement
 from lockstep.check.system.loop import Plant
-from lockstep.lmi.sampled.candidates import candidates, fast
+from lockstep.lmi.sampled.candidates import candidates, fastest_candidates
 from lockstep.lmi.sampled.loop_gain import best_multiplier, gain, spectral_radius
 from lockstep.lmi.sampled.storage import in_exact_arithmetic
 from lockstep.lmi.shapes import PairWeights
@@ -118,7 +118,7 @@ def certify_decay(
     loop = in_doubles(network, controllers)
     one = period_in_doubles(loop)
     positive = [np.maximum(m, LEAST * m.max()) for m in (first_guess(network.d, known) for known in weights)]
-    found = iter(()) if one is None else fast(loop, one, positive)
+    found = iter(()) if one is None else fastest_candidates(loop, one, positive)
     for trial in found if witness is None else chain([witness], found):
         if trial.decay < slow and (verdict := decide_sampled(network, controllers, [trial])).certified:
             return verdict

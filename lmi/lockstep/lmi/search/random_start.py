@@ -43,7 +43,7 @@ SIZES = (0.3, 1.0, 3.0)
 DRAWS = 4
 """Draws for one start, until one of them becomes stable."""
 
-LOWER = 4
+STARTS_PER_LOWER = 4
 """One start of so many is of controllers with a state less: with more states more starts end in worse minima."""
 
 COUPLED, MOVED = (0.3, 0.1, 0.03, 0.01), ((13, 60), (33, 60))
@@ -187,8 +187,8 @@ def run_start(
     if deadline.over:
         nowhere = Descended(np.zeros(search.norm.shape), np.ones(0), np.inf, np.inf)
         return StartResult(index, np.inf, nowhere)
-    lower = search.lower if index % LOWER == LOWER - 1 else None
-    if lower and (at := _with_a_state_more(search, lower, seed, index // LOWER)) is not None:
+    lower = search.lower if index % STARTS_PER_LOWER == STARTS_PER_LOWER - 1 else None
+    if lower and (at := _with_a_state_more(search, lower, seed, index // STARTS_PER_LOWER)) is not None:
         return scored(search, score, StartResult(index, search.abscissa(at.K), at))
     equal = search.is_regular or index % 2 == 1
     modes = search.modes if equal and eliminates_P(search.loop) else None

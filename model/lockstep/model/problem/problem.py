@@ -175,7 +175,7 @@ class Problem:
 
     @property
     def has_defaults(self) -> bool:
-        """Whether `lockstep.lmi.defaults` says what is asked for: no `weights` but the input's, no `gain_limit`, no rho."""
+        """Whether `specification.defaults` says what is asked for: no `weights` but the input's, no `gain_limit`, no rho."""
         named = self.design.model_fields_set
         others = "weights" in named and self.design.weights.model_fields_set != {"input"}
         named = named & {"gain_limit", "gain_units", "rho"}

@@ -6,27 +6,44 @@ Specifications have weights of their own, so that they are compared by rho over 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified, OutOfTime
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
-from lockstep.lmi.by_method import Attempt
-from lockstep.lmi.defaults import (
+from lockstep.lmi.proposal import Proposal, claim_of
+from lockstep.lmi.search.stopping import NothingYet, Stop
+from lockstep.lmi.specification.defaults import (
     FAR,
     MUCH,
-    SPOILT,
     VERY_FAR,
     Specification,
     defaults_of,
     keeping,
     specifications,
 )
-from lockstep.lmi.proposal import Proposal, claim_of
-from lockstep.lmi.search.stopping import NothingYet
 from lockstep.model.assembly import network_of
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the part of it that is done, from 0 to 1."""
+
+
+class Attempt(NamedTuple):
+    """What `design` is given beside the problem, and whether to look for what is in the way where no gains are found."""
+
+    jobs: int | None
+    tell: Progress
+    time_limit: float | None
+    stop: Stop
+    explain: bool
+
+
+DESIGNED_FOR_PERIOD = 3.0
+"""Times its continuous rho at most: what gains are taken to ship with whose sampled loop is worse, or has no rho. A design
+for the period brings most of them back."""
 
 
 @dataclass
@@ -156,7 +173,7 @@ def _shipped(found: Proposal, other: Proposal | None = None) -> float:
     over_floor = _over_floor(found, other)
     if found.certificate is None or found.sampled is None:
         return over_floor
-    return over_floor * min(found.sampled / found.certificate.rho, SPOILT)
+    return over_floor * min(found.sampled / found.certificate.rho, DESIGNED_FOR_PERIOD)
 
 
 def _with_remark(found: Proposal, spec: Specification, before: str) -> Proposal:

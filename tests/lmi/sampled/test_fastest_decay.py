@@ -4,12 +4,12 @@ import math
 from dataclasses import replace
 
 import pytest
+from lmi_cases import PATH_2, problem
 
 from lockstep.codegen.sampled_design import prove_design, with_sampled
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored, design_file_of
-from lockstep.model.problem import parse_problem
 
 D, PERIOD = 2.0, 0.05
 
@@ -17,25 +17,12 @@ D, PERIOD = 2.0, 0.05
 @pytest.fixture(scope="module")
 def shipped() -> Stored:
     """x_i' = u_i, u_i = -D (x_i - x_j), held: x_d+ = (1 - 2 D T) x_d, and V+ = (1 - 2 D T)^2 V."""
-    posed = parse_problem(
-        f"""
-[agent]
-states = ["x"]
-inputs = ["u"]
-outputs = {{ y = "x" }}
-dynamics = {{ x = "u" }}
-[network]
-agents = 2
-topology = "path"
-[design]
-method = "given"
-[controller]
-period = {PERIOD}
-[[design.gains]]
-D = [[{-D}]]
-[[design.gains]]
-D = [[{-D}]]
-"""
+    gain = f"{{ A = [], B = [], C = [[]], D = [[{-D}]] }}"
+    posed = problem(
+        dynamics={"x": "u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        design=f'method = "given"\ngains = [{gain}, {gain}]\n[controller]\nperiod = {PERIOD}',
     )
     made = design_file_of(design(posed))
     return with_sampled(made, prove_design(made))

@@ -6,8 +6,9 @@ names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and i
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less for some entry, or in natural units
-    gain_units          natural units, where gains of size one are further apart than 300, or a norm would let the first u
-                        be larger than they do: `gain_limit` counts in them
+    gain_units          natural units, where gains of size one are further apart than 300, or a norm would leave C and D more
+                        than ten times what actuators can, or let the first u of controllers with states be larger than limits
+                        in natural units let it: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -81,10 +82,6 @@ KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
-
-SPOILT = 3.0
-"""Times its continuous rho at most: what gains ship with whose sampled loop is worse, or has none. A design for the period
-brings most of them back."""
 
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
