@@ -227,7 +227,7 @@ def test_certify_prints_the_decay_of_the_worked_example() -> None:
     assert f"every disagreement at {decay:.6g} 1/s or faster" in " ".join(printed.split())
 
 
-@pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.4, True)])
+@pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.33, False), (0.4, True)])
 def test_agents_that_agree_faster_by_themselves_are_said_to(alone, says, root) -> None:
     """0.3077 1/s is proved of the sampled controllers: `rate` of the committed arms."""
     content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
@@ -249,6 +249,23 @@ def test_controllers_that_do_hardly_anything_are_said_to(alone, idle, root) -> N
     printed = console.export_text()
     assert ("open loop" in printed) == (alone is not None)
     assert (HARDLY in printed) == idle
+
+
+def test_controllers_that_can_do_no_more_are_said_why(root) -> None:
+    """A mode that slopes of phi hide is named; a decay that is asked for, and kept, is not asked for again."""
+    content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
+    idle = {**content["figures"], "rho_alone": 5.0}
+
+    def said(**changed: object) -> str:
+        console = Console(width=300, record=True, file=io.StringIO())
+        console.print(summary(content | changed))
+        return console.export_text()
+
+    hidden = said(figures={**idle, "lost_mode": "no output shows the mode at -0.3 1/s"})
+    assert "none is certified to be fast: no output shows the mode at -0.3 1/s; an [agent.domain]" in hidden
+    assert HARDLY not in hidden
+    assert HARDLY in said(figures=idle)
+    assert HARDLY not in said(figures=idle, sampled={**content["sampled"], "rate_asked": 0.2})
 
 
 def printed_summary(root, **changed: object) -> str:

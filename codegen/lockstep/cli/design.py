@@ -15,8 +15,10 @@ from lockstep.model.problem.tables.toml_text import value_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
+HIDDEN = ": these controllers do hardly anything, and none is certified to be fast: {}; an [agent.domain] may leave that out"
 SLOWER = ", and is more than is proved of the controllers that ship: ask for a `decay`, or a faster one"
 WORSE = ": these controllers make it worse; is the period too long?"
+LOCAL = "while every agent stays in its domain"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
 SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
 NOTHING = "nothing is proved"
@@ -62,12 +64,8 @@ def sampled_text(sampled: Mapping[str, Any]) -> str:
 
 
 def _where(content: Mapping[str, Any]) -> dict[str, str]:
-    if content.get("scope") != "local":
-        return {}
-    return {
-        "holds": "while every agent stays in its domain",
-        "initial states": content["initial_set"]["text"],
-    }
+    local = content.get("scope") == "local"
+    return {"holds": LOCAL, "initial states": content["initial_set"]["text"]} if local else {}
 
 
 def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
@@ -107,7 +105,7 @@ def proved_besides(
     stable = "yes, each by itself" * bool(content.get("controllers_stable") and C)
     sought = content.get("method") == "certified" and not content["figures"].get("interrupted")
     limits, rest = content.get("limits") or {}, ", controllers at rest" * C
-    rest += ", while every agent stays in its domain" * (content.get("scope") == "local")
+    rest += f", {LOCAL}" * (content.get("scope") == "local")
     clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
@@ -141,9 +139,11 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     """Return what was designed and proved, for people."""
     figures, alone = content["figures"], content["figures"].get("rho_alone")
     ships, rho = content["sampled"]["certified"], max(content["rho"], content["sampled"].get("rho") or 0.0)
-    idle = (WORSE if rho > alone >= content["rho"] else HARDLY) if alone and rho > 0.9 * alone else ""
+    lost, asked = figures.get("lost_mode"), content["sampled"].get("rate_asked")
+    little = HIDDEN.format(lost) if lost else "" if asked else HARDLY
+    idle = (WORSE if rho > alone >= content["rho"] else little) if alone and rho > 0.9 * alone else ""
     fast, kept = figures.get("decay_alone"), content["sampled"].get("rate") or content["decay"] or 0.0
-    idle = idle or (f"; {fast:.3g} 1/s, which is proved{SLOWER * (fast > kept)}" if fast else "")
+    idle = idle or (f"; {fast:.3g} 1/s, which is proved{SLOWER * (0.9 * fast > kept)}" if fast else "")
     part, soft = figures["part_of_states"], figures.get("static_response")
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)

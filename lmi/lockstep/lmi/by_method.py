@@ -17,6 +17,7 @@ from lockstep.check.errors import Infeasible, NotCertified, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.open_loop import rho_alone
@@ -56,6 +57,7 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
     alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
     figures = found.figures | _figures(problem, network, found.gains) | {"rho_alone": alone}
     if alone is not None and not eliminates_P(network.loop(0)):
+        figures["lost_mode"] = (lost := slowest_lost_mode(network, found.claim)) and lost.said
         figures["decay_alone"] = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
     own = posed._replace(claim=found.claim)
     gains, proved = found.gains, found.certificate

@@ -16,6 +16,7 @@ from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
     static_gains_cannot_stabilise,
 )
+from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.active_constraint import hint, hint_of_stability
@@ -335,8 +336,8 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
     """Refuse what no gains can do, before any search.
 
     Raises:
-        Infeasible: a static gain that cannot stabilise, or an alpha that is proved to be beyond any controller, where the
-            entries of phi do not say more than alpha.
+        Infeasible: a static gain that cannot stabilise, a decay that slopes of phi hide from every controller, or an alpha
+            that is proved to be beyond any controller, where the entries of phi do not say more than alpha.
     """
     if problem.order == 0 and static_gains_cannot_stabilise(network):
         bound = float(np.trace(network.plant.A)) / network.agent.n
@@ -354,6 +355,13 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
             alpha=claim.alpha,
             reachable_alpha=most,
         )
+    decay = problem.design.decay or problem.design.search_decay
+    if decay and (lost := slowest_lost_mode(network, claim)) and lost.decay <= decay:
+        said = f"no controllers of any order can certify a [design] decay of {decay:g} 1/s: {lost.said} (computed)"
+        remedy = (
+            "ask for less, or name an [agent.domain] that leaves out such slopes, or measure or actuate more"
+        )
+        raise Infeasible(f"{said}; {remedy}", decay=lost.decay)
 
 
 def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfTime:

@@ -12,8 +12,9 @@ names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and i
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
-    search_decay        0.037, in natural units of time, and at most 0.01 per period, unless it or `decay` is named; of gains
-                        within the actuators' limits half of the decay that was proved, for their period
+    search_decay        0.037, in natural units of time, at most 0.01 per period, and at most half of that of a mode that no
+                        controller moves, unless it or `decay` is named; of gains within the actuators' limits half of the
+                        decay that was proved, for their period
 
 and, where the states' natural units are further apart than 300 (a resonator in SI units moves by 1e-6 m at 1 m/s), weights
 and disturbances of the states in those units, too, so chosen that both are 1 for the state of the smallest unit.
@@ -35,6 +36,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
+from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.actuators import outputs_apart, time_to_move
 from lockstep.model.graphs.graph import Graph
@@ -47,7 +49,7 @@ GAIN_LIMIT, HIGH_GAIN_LIMIT = 6.4, 50.0
 """Where gains of size one have a norm below `SIZE_ONE`; else as many parts of it as here, times that norm."""
 
 KEPT = 0.5
-"""Of the decay of gains within the actuators' limits: what a design for the period keeps to."""
+"""Of the decay of gains within the actuators' limits: what a design for the period keeps to. And of what can be had."""
 
 HALF = 0.5
 """Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
@@ -243,6 +245,8 @@ def _asked(
     noise = [_short(NOISE * disturbance / scale) for scale in S_y]
     names = [name for name, _ in problem.file.agent.outputs]
     late = problem.controller.period * (1 + problem.controller.delay)
+    lost = slowest_lost_mode(network, claim)
+    most = min(DECAY_PER_PERIOD / late, max(KEPT * lost.decay, 0.0) if lost else np.inf)
     said: dict[str, Any] = {
         "weights": WeightsTable(
             state=tuple(map(_short, R)) if apart else 1.0,
@@ -251,7 +255,7 @@ def _asked(
         ),
         "disturbances": DisturbancesTable(states=states, outputs=dict(zip(names, noise, strict=True))),
         "stable_controllers": True,
-        "search_decay": float(f"{min(DECAY / time, DECAY_PER_PERIOD / late):.2g}"),
+        "search_decay": float(f"{min(DECAY / time, most):.2g}"),
     }
     table = problem.design
     for key in ("disturbances", "stable_controllers", "decay", "search_decay"):

@@ -61,15 +61,7 @@ def controllability(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) ->
     >>> check.controllable, check.stabilisable, check.eigenvalue
     (False, True, (-1+0j))
     """
-    from scipy.linalg import matrix_balance
-
-    n = A.shape[0]
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    a, b = _unit(balanced), _unit(B / scale[:, None])
-    # Rounding of an n x n singular value is a few n eps of the pair's norm, which is now 1; 100 leaves
-    # room for decimals in a file whose exact values would cancel.
-    tolerance = 100 * n * float(np.finfo(float).eps)
-    size = float(np.linalg.norm(balanced, 2)) or 1.0
+    a, b, size, tolerance = _balanced(A, B)
     modes = _modes(a, b)
     nearest = min(modes, key=lambda mode: (mode[1], -mode[0].real, -mode[0].imag))
     lost = [s for s, value in modes if value <= tolerance]
@@ -94,6 +86,29 @@ def observability(A: Float[np.ndarray, "n n"], C: Float[np.ndarray, "q n"]) -> O
     False
     """
     return Observability(*astuple(controllability(A.T, C.T)))
+
+
+def lost_modes(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> list[complex]:
+    """Return the modes of A, Im s >= 0, that no input moves: [A - s I, B] has lost rank there.
+
+    >>> lost_modes(np.diag([-1.0, 2.0]), np.array([[0.0], [1.0]]))
+    [(-1+0j)]
+    """
+    a, b, size, tolerance = _balanced(A, B)
+    return [_tidy(size * s, size) for s, value in _modes(a, b) if value <= tolerance]
+
+
+def _balanced(
+    A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n m"], float, float]:
+    """Return the pair, balanced and of norm one, the norm of A and below what a singular value of it counts as 0."""
+    from scipy.linalg import matrix_balance
+
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    size = float(np.linalg.norm(balanced, 2)) or 1.0
+    # Rounding of an n x n singular value is a few n eps of the pair's norm, which is now 1; 100 leaves
+    # room for decimals in a file whose exact values would cancel.
+    return _unit(balanced), _unit(B / scale[:, None]), size, 100 * len(A) * float(np.finfo(float).eps)
 
 
 def _distance(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n m"]) -> tuple[complex, float]:

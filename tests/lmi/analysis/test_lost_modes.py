@@ -1,0 +1,99 @@
+"""Slopes of phi that hide a mode from every controller: no faster decay is certified, which is said before any search."""
+
+import pytest
+from lmi_cases import first_wishes, problem
+
+from lockstep.check.errors import Infeasible
+from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
+from lockstep.lmi.design import design
+from lockstep.lmi.proposal import claim_of, proved_bound
+from lockstep.model.assembly import network_of
+from lockstep.model.problem import Problem
+
+
+def heated(
+    said: str = "", agent: str = "", phi: str = "tanh(T)", outputs: tuple[str, ...] = ("x",)
+) -> Problem:
+    """T' = u - 0.25 T, x' = phi - 2 x: where phi is flat x says nothing of T, which decays at 0.25 1/s."""
+    return problem(
+        dynamics={"x": f"{phi} - 2*x", "T": "u - 0.25*T"},
+        outputs={f"y{k}": state for k, state in enumerate(outputs)},
+        network='agents = 2\ntopology = "path"',
+        design=f"order = 1\nstarts = 1\n{said}",
+        agent=agent,
+    )
+
+
+def lost(posed: Problem) -> tuple[float, str] | None:
+    bound = proved_bound(posed)
+    return slowest_lost_mode(network_of(posed, bound), claim_of(posed, bound))
+
+
+def test_a_flat_nonlinearity_hides_what_only_it_shows() -> None:
+    for agent in ("", "centre = false"):
+        found = lost(heated(agent=agent))
+        assert found is not None
+        assert found[0] == pytest.approx(0.25, rel=1e-12)
+        assert "phi1 has the slope 0 along v1 (v1 = T) no output shows the mode at -0.25 1/s" in found[1]
+    measured = lost(heated(outputs=("x", "T")))
+    assert measured is not None
+    assert measured[0] == pytest.approx(2.0), "T is seen, and x, then, is what no input moves"
+    # Its least slope on the domain is 1/cosh(1)^2 = 0.42.
+    assert lost(heated(agent="domain = { T = [-1.0, 1.0] }")) is None
+    assert lost(heated(phi="T")) is None, "linear"
+
+
+def test_what_no_input_moves_counts_too_and_an_end_of_a_slope_where_nothing_is_flat() -> None:
+    """x' = -x + 2 T - phi(T), T' = u - 0.25 T: of slopes of phi from 1 to 2 the upper end hides T, which flat does not."""
+    found = lost(heated(phi="2*T - (1.5*T + 0.5*sin(T)) - x"))
+    assert found is not None
+    assert found[0] == pytest.approx(0.25)
+    stirred = problem(
+        dynamics={"a": "u*1.0 - a", "b": "tanh(a) - 0.5*b"},
+        outputs={"y1": "a", "y2": "b"},
+        network='agents = 2\ntopology = "path"',
+        design="order = 1\nstarts = 1",
+    )
+    found = lost(stirred)
+    assert found is not None
+    assert found[0] == pytest.approx(0.5)
+    assert "no input moves" in found[1]
+
+
+def test_of_many_slopes_all_flat_is_looked_at() -> None:
+    """Four components, each of an argument of its own: what is hidden is so where the first is flat."""
+    states = {f"s{k}": f"u - {k}*s{k} - 0.1*sin(s{k})" for k in (1, 2, 3)}
+    posed = problem(
+        dynamics={"x": "tanh(T) - 2*x", "T": "u - 0.25*T", **states},
+        outputs={"y": "x", **{f"y{k}": f"s{k}" for k in (1, 2, 3)}},
+        network='agents = 2\ntopology = "path"',
+        design="order = 1\nstarts = 1",
+    )
+    found = lost(posed)
+    assert found is not None
+    assert found[0] == pytest.approx(0.25)
+
+
+def test_a_decay_beyond_is_refused_before_any_search_and_one_below_is_certified() -> None:
+    said: list[str] = []
+    with pytest.raises(
+        Infeasible, match=r"decay of 0\.3 1/s: where phi1 has the slope 0.*\[agent.domain\]"
+    ) as error:
+        design(heated("decay = 0.3"), jobs=1, progress=lambda what, _part: said.append(what))
+    assert error.value.figures["decay"] == pytest.approx(0.25)
+    assert said
+    assert not any("searching" in what for what in said)
+    found = design(heated("decay = 0.2\ngain_limit = 10.0"), jobs=1)
+    assert found.guarantees.decay is not None
+    assert 0.2 <= found.guarantees.decay[0] <= 0.25
+
+
+def test_the_decay_that_is_searched_for_by_default_is_one_that_can_be_had() -> None:
+    """A fast agent beside a slow hidden mode: 0.037 per unit of time would be beyond half of it."""
+    slow = problem(
+        dynamics={"x": "500*(u - x) + tanh(T)", "T": "u - 0.02*T"},
+        outputs={"y": "x"},
+        network='agents = 2\ntopology = "path"',
+        design="order = 1\nstarts = 1",
+    )
+    assert first_wishes(slow)["search_decay"] == 0.01
