@@ -252,6 +252,12 @@ def test_a_run_outside_of_what_is_proved_is_said(facts, page_of):
         sampled = replace(claims.sampled, radius=1e-3, clipped_radius=None)
         open_ = replace(far, stored=replace(facts.stored, claims=replace(claims, sampled=sampled)))
         assert any("it may settle" in one for one in open_.uncovered) is named
+    assert any("theta_m is" in one and "rad apart at its end" in one for one in open_.uncovered), "its unit"
+    x = facts.trajectory.x.copy()
+    x[1:, :, 0] *= 1e9
+    x[-1] = 1e-6 * x[1]
+    in_pascals = replace(open_, trajectory=replace(saturated.trajectory, x=x))
+    assert not any("it may settle" in one for one in in_pascals.uncovered), "a millionth of what it was"
     assert "Not covered by the certificate" in page_of(trajectory=saturated.trajectory)
 
 

@@ -27,7 +27,8 @@ FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
 NO_FLOOR = "none was proved: how near rho is to the least possible is not known"
 STATIC = 0.01
 STATIC_SAID = (
-    "the controllers' states add less than {:.0%} to what their D do: these D as gains of order 0 spare them"
+    'the controllers\' states add less than {:.0%} to what their D do: these D alone spare them (method "given" with'
+    " order 0, and these weights and disturbances; a search with order 0 finds others)"
 )
 
 

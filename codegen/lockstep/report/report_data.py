@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from lockstep.codegen.manifest import FILE_NAME, Manifest
 from lockstep.lmi.analysis.covered_start import times_covered
 from lockstep.lmi.analysis.decimals import below
@@ -16,6 +18,12 @@ from lockstep.model.simulation.divergence import left_domain
 from lockstep.model.simulation.from_problem import FINEST, Changes, scenario_of, step_of
 from lockstep.verification.closed_loop.software_in_the_loop import reference_controllers
 from lockstep.verification.verify import VerifyReport
+
+CLIPPED = "controller steps met a limit of an input, and rho is proved without saturation"
+UNSETTLED = "where nothing is proved: it may settle with a longer `horizon`, or never"
+STAYING = "that agents stay in their domain"
+LITTLE = 0.5
+"""Of how far apart a state was at most: where it has not come below at the end of a run, it may never."""
 
 MOST_STEPS = 20_000
 """Of all controllers together in the run: some three seconds of work. The three arms take 12 000 in 20 s."""
@@ -53,29 +61,30 @@ class Facts:
         if run is None:
             return (f"the report shows no run: {self.no_run}",) if self.no_run else ()
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
-        distances, inside, sampled = run.disagreement(), claims.initial_set, claims.sampled
-        start, end, away = float(distances[0]), float(distances[-1]), run.errors()[0]
+        inside, sampled = claims.initial_set, claims.sampled
+        away = run.errors()[0]
         without = times_covered(sampled.radius, sampled.half_axes, away)
         clipped = times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away)
+        stays = times_covered(inside.radius, inside.half_axes, away) if inside else 1.0
+        apart = "" if max(without, clipped) >= 1 else self._apart_at_end(run)
         said = (
             (left, f"{left}; the certificate is for agents inside"),
-            (
-                run.clipped,
-                f"{run.clipped} controller steps met a limit of an input, and rho is proved without saturation",
-            ),
+            (run.clipped, f"{run.clipped} {CLIPPED}"),
             (run.clipped, self._saturated_from(without, clipped)),
-            (
-                run.clipped and end > start * max(0.5, without, clipped),
-                f"|x_d| = {end:.3g} at its end, where nothing is proved: it may settle with a longer `horizon`, or never",
-            ),
+            (run.clipped and apart, f"{apart}, {UNSETTLED}"),
             (run.faults, f"{run.faults} steps reported a fault"),
-            (
-                inside is not None and times_covered(inside.radius, inside.half_axes, away) < 1,
-                "that agents stay in their domain is proved from"
-                f" {below(times_covered(inside.radius, inside.half_axes, away), 3) if inside else ''} times this start only",
-            ),
+            (stays < 1, f"{STAYING} is proved from {below(stays, 3)} times this start only"),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
+
+    def _apart_at_end(self, run: Trajectory) -> str:
+        """Say of the state that has settled least how far apart it is at the end, if by half of its most or more."""
+        apart, agent = np.ptp(run.less_offsets, axis=1), self.problem.agent()
+        noise = np.finfo(np.float32).eps * np.abs(run.x).max(axis=(0, 1)) + np.finfo(float).tiny
+        part = apart[-1] / np.maximum(apart.max(axis=0), noise)
+        k = int(part.argmax())
+        shown = f"{apart[-1, k]:.3g} {agent.units.get(agent.states[k], '')}".rstrip()
+        return f"{agent.states[k]} is {shown} apart at its end" if part[k] >= LITTLE else ""
 
     def _saturated_from(self, without: float, clipped: float) -> str:
         """Say from how many times the start of a run inputs do not saturate, and agents agree, and what makes that more."""

@@ -1,10 +1,14 @@
 """Units of an agent's equations: those that fit, and those that do not, each with the term that is named."""
 
+import re
+
 import pytest
 from checks_cases import problem
 
 from lockstep.check.errors import ProblemError
+from lockstep.model.agents.state_sizes import state_sizes
 from lockstep.model.checks import check, check_problem
+from lockstep.model.checks.plausibility import units
 from lockstep.model.checks.proved.dimensions import check_units
 
 UNITS = {"x": "m", "v": "m/s", "u": "N", "k": "N/m", "m": "kg", "c": "kg/s", "y1": "m"}
@@ -192,3 +196,17 @@ def test_degrees_in_a_sine_are_refused_with_what_to_write():
     turned = {"x": "v", "v": "u - sin(x)"}
     with pytest.raises(ProblemError, match=r"\[agent.units\] x: degrees; .*write x\*pi/180"):
         rows(turned, {"x": "deg", "v": "deg/s", "u": "deg/s^2"})
+
+
+def test_states_that_move_by_numbers_far_apart_are_named_with_what_they_move_by() -> None:
+    """x' = v, v' = 1e-6 p, p' = -1e10 v swings at 100 rad/s: p is 1e8 times v then, and x a hundredth of it, 1e10 below p."""
+    posed = problem({"x": "v", "v": "1e-6*p", "p": "u - 1e10*v - p"})
+    (note,) = (row for row in units(posed) if "alike" in row.figure)
+    found = re.match(r"(\w) moves by numbers about (\S+) times those of (\w): ", note.figure)
+    assert found is not None
+    assert found[1] + found[3] == "px"
+    assert float(found[2]) == pytest.approx(1e10, rel=0.5)
+    sizes = state_sizes(posed.agent())
+    assert sizes[2] / sizes[1] == pytest.approx(1e8, rel=0.5), "balanced in powers of two"
+    assert sizes[0] / sizes[1] == pytest.approx(0.01, rel=0.5)
+    assert not any("alike" in row.figure for row in units(problem({"x": "v", "v": "u - x"})))

@@ -148,19 +148,13 @@ class Simulation:
             **_ranges(self),
         }
         if (asked := problem.messages) is not None:
-            named = {
-                "loss": asked.loss,
-                "burst": asked.burst,
-                "delay": "{}:{}".format(*asked.delay),
-                "jitter": asked.jitter,
-            }
-            faults = ",".join(
-                f"{name}={value}" for name, value in named.items() if value not in (None, 0, "0:0")
-            )
-            if faults and problem.simulation.channel is None:
+            delay = "{}:{}".format(*asked.delay)
+            named = {"loss": asked.loss, "burst": asked.burst, "delay": delay, "jitter": asked.jitter}
+            said = (f"{name}={value}" for name, value in named.items() if value not in (None, 0, "0:0"))
+            if (faults := ",".join(said)) and problem.simulation.channel is None:
                 nodes = f"`--campaign 100 --faults {faults} -o DIR`"
                 told["messages"] = f"each arrives in time in this run; the nodes on such a network: {nodes}"
-        claimed = self.design.stored.claims.initial_set
+        claimed = None if self.controllers == "off" else self.design.stored.claims.initial_set
         away, covered = trajectory.errors()[0], 0.0
         if claimed is not None and len(away) == self.agents:  # of many a record has a few
             covered = times_covered(claimed.radius, claimed.half_axes, away)
@@ -168,14 +162,13 @@ class Simulation:
             said = "that all agents stay in their domain is proved, of the continuous controllers, from"
             told["initial states"] = f"{said} {below(covered, 3)} times this start"
         if problem.reference is not None:
-            moved = ", ".join(
-                f"{name} = {text}" for name, text in (problem.simulation.reference or {}).items()
-            )
+            given = problem.simulation.reference or {}
+            moved = ", ".join(f"{name} = {text}" for name, text in given.items())
             leader = f"{problem.agent().name}{problem.reference.leader + 1}"
             told["reference"] = (
-                f"of {leader}: {moved}, counted as its disturbance: one that lasts may leave the others behind,"
+                f"of {leader}: {moved}, counted as its disturbance: one that lasts may leave the others behind, one that"
+                " all are given, in t of [agent.dynamics], does not"
             )
-            told["reference"] += " one that all are given, in t of [agent.dynamics], does not"
         if trajectory.faults:
             told["faults"] = f"{trajectory.faults} steps with a status other than OK or CLIPPED"
         if trajectory.clipped:

@@ -11,9 +11,10 @@ from lockstep.model.agents.agent import Agent
 
 @lru_cache(maxsize=64)  # a run asks at each of its steps
 def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
-    """Return sizes of the states at which the slopes of an agent are alike, in powers of two: those that balance df/dx.
+    """Return sizes of the states at which the slopes of an agent are alike, those that balance df/dx.
 
-    Of a state that others do not act on, and that acts on none, it is 1, as where slopes are not finite.
+    Of a state that acts on no other it is what the fastest of the slopes makes of the states that act on it; of one that
+    others do not act on, either, it is 1, as where slopes are not finite.
 
     >>> x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
     >>> rhs = ca.vertcat(-x[0], -x[2] + u, 1e8 * x[1])
@@ -24,19 +25,21 @@ def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
 
     J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
     slopes = np.asarray(J(middle(agent), np.zeros(agent.m), 0.0))
-    finite = np.isfinite(slopes).all()
-    sizes = (
-        matrix_balance(slopes)[1].sum(axis=1) if finite else np.ones(agent.n)
-    )  # diagonal, its columns permuted
+    sizes = np.ones(agent.n)
+    if np.isfinite(slopes).all():
+        sizes = matrix_balance(slopes)[1].sum(axis=1)  # diagonal, its columns permuted
+        rates = np.abs(slopes * sizes / sizes[:, None])
+        acting = rates - np.diag(np.diag(rates))
+        for k in np.flatnonzero(~acting.any(axis=0) & acting.any(axis=1)):
+            sizes[k] *= acting[k].max() / rates.max()
     sizes.flags.writeable = False
-    return np.asarray(sizes)
+    return sizes
 
 
 def middle(agent: Agent) -> Float[np.ndarray, " n"]:
     """Return 0, or for a state whose domain does not hold it, the middle of its domain or its finite side."""
     low, high = agent.box[:, 0], agent.box[:, 1]
     with np.errstate(invalid="ignore"):
-        inside = np.where(
-            np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.where(np.isfinite(low), low, high)
-        )
+        side = np.where(np.isfinite(low), low, high)
+        inside = np.where(np.isfinite(low) & np.isfinite(high), (low + high) / 2, side)
     return np.where((low <= 0) & (high >= 0), 0.0, inside)

@@ -117,16 +117,13 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"
         hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
         yield CheckRow("units", "note", f'{figure} (mm = 1000.0, in "mm/m")', hides)
-    sizes = state_sizes(agent)
-    if sizes.max() > FAR * sizes.min() and problem.design.weights.state == 1.0:
-        pairs = zip(agent.states, sizes / sizes.min(), strict=True)
-        shown = ", ".join(f"{name} {size:.1g}" for name, size in pairs)
-        moved = f"states move by sizes far apart ({shown}): |x_d|, a radius, and a rho without weights add their squares"
+    sizes = dict(zip(agent.states, state_sizes(agent), strict=True))
+    least, most = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
+    if sizes[most] > FAR * sizes[least] and problem.design.weights.state == 1.0:
+        moved = f"{most} moves by numbers about {sizes[most] / sizes[least]:.0e} times those of {least}"
+        figure = f"{moved}: count them in units in which they are alike (mm, bar)"
         yield CheckRow(
-            "units",
-            "note",
-            f"{moved}; count them in units in which they are alike (mm, bar)",
-            "rho and radii are norms of x_d",
+            "units", "note", figure, "|x_d|, a radius, and a rho without weights add their squares"
         )
 
 
