@@ -21,6 +21,7 @@ from lockstep.lmi.design import design
 from lockstep.lmi.document import design_file_of
 from lockstep.lmi.sampled.half_axes import SHARE, largest_half_axes
 from lockstep.lmi.sampled.input_limits import largest_radius
+from lockstep.lmi.sampled.saturation import largest_clipped_radius
 
 LIMITS, UNITS = np.array([1.0]), 2.0 ** np.array([10, -7, 3, 0])
 """Powers of two: what is measured in other units is the same number but for its exponent."""
@@ -99,6 +100,22 @@ def test_a_radius_is_found_in_metres_and_pascals_as_in_millimetres_and_bars():
     assert of_si is not None
     # The solver ends where its own tolerance, 1e-6 of sizes that differ by units, leaves it: 6e-4 apart here.
     assert 1e3 * of_si == pytest.approx(of_mm, rel=5e-3)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_radius_does_not_depend_on_what_the_sizes_of_the_states_are_multiples_of(seed):
+    """Metres beside which pascals are sizes of 1e8: the radius counts in the smallest of them, a gamma then is 1e12."""
+    net, ones = random_problem(seed)
+    m = np.ones(len(net.d.pairs()))
+    for largest in (
+        lambda sizes: largest_radius(net, ones, LIMITS, m, sizes),
+        lambda sizes: largest_clipped_radius(net, ones, LIMITS, None, sizes),
+    ):
+        plain, moved = largest(np.ones(len(net.plant.A))), largest(1e6 * np.ones(len(net.plant.A)))
+        assert plain is not None
+        assert moved is not None
+        # The same program to the last bit but for two roundings: four digits are kept of each.
+        assert 1e6 * moved[0] == pytest.approx(plain[0], rel=2e-3)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

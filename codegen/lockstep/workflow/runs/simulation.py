@@ -150,8 +150,8 @@ class Simulation:
         if (asked := problem.messages) is not None:
             delay = "{}:{}".format(*asked.delay)
             named = {"loss": asked.loss, "burst": asked.burst, "delay": delay, "jitter": asked.jitter}
-            said = (f"{name}={value}" for name, value in named.items() if value not in (None, 0, "0:0"))
-            if (faults := ",".join(said)) and problem.simulation.channel is None:
+            each = (f"{name}={value}" for name, value in named.items() if value not in (None, 0, "0:0"))
+            if (faults := ",".join(each)) and problem.simulation.channel is None:
                 nodes = f"`--campaign 100 --faults {faults} -o DIR`"
                 told["messages"] = f"each arrives in time in this run; the nodes on such a network: {nodes}"
         claimed = None if self.controllers == "off" else self.design.stored.claims.initial_set

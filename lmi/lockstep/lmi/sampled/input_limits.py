@@ -34,7 +34,7 @@ from lockstep.lmi.sampled.candidates import (
 from lockstep.lmi.sampled.half_axes import ONE, Sizes, largest_multiple
 from lockstep.lmi.sampled.l2_gain import PRICE, is_lifted, lifted_with_performance
 from lockstep.lmi.sampled.loop_gain import spectral_radius
-from lockstep.lmi.sampled.step_program import step_program
+from lockstep.lmi.sampled.step_program import StepProgram, step_program
 from lockstep.lmi.sampled.storage import (
     StorageProblem,
     in_exact_arithmetic,
@@ -111,10 +111,14 @@ def largest_radius(
     return None
 
 
-def inside(loop: SampledLoop, gamma: Any, P: Any, sizes: Sizes) -> Any:
-    """Return gamma (T T')^-1 (x) diag(s)^-2 >= P_d as a condition, in units of s: a solver loses 1e-6 beside 1."""
-    S = np.diag(np.resize(sizes, loop.n_d))
-    return gamma * np.asarray(metric(loop)) - S @ P[: loop.n_d, : loop.n_d] @ S >> 0
+def inside(loop: SampledLoop, gamma: Any, program: StepProgram, sizes: Sizes) -> tuple[list[Any], float]:
+    """Return gamma unit (T T')^-1 (x) diag(s)^-2 >= P_d as conditions, and the unit, with which both sides are near 1.
+
+    In units of s: a solver loses 1e-6 beside 1.
+    """
+    S = np.resize(sizes, loop.n_d)[:, None] * program.basis[: loop.n_d]
+    unit = float(np.linalg.norm(S, 2)) ** 2
+    return [gamma * np.asarray(metric(loop)) - (S @ program.V @ S.T) / unit >> 0], unit
 
 
 def least_level(
@@ -136,11 +140,12 @@ def least_level(
     if program is None:
         return None
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
-    conditions = [inside(loop, gamma, program.P, sizes)]
+    conditions, unit = inside(loop, gamma, program, sizes)
     conditions += [program.V - np.outer(inner, inner) >> 0 for inner in rows @ inverse.T if inner.any()]
     if noise is not None and math.isfinite(noise):
         conditions.append(program.kappa <= noise / program.unit)
-    return program.least(gamma, conditions)
+    found = program.least(gamma, conditions)
+    return found and (unit * found[0], found[1])
 
 
 def level_of_given_weights(

@@ -142,21 +142,15 @@ def _least(
     bounds = np.tile(limits, inputs // len(limits))
     bounded = np.isfinite(bounds)
     rows = loop.computed[:, :n] / np.where(bounded, bounds, 1.0)[:, None]
-    least = float(bounds.min())
-    program = step_program(
-        wide,
-        one,
-        decay,
-        rows[bounded].T @ rows[bounded],
-        tau=tau * np.where(bounded, least / bounds, 1.0) ** 2,
-    )
+    each = tau * np.where(bounded, float(bounds.min()) / bounds, 1.0) ** 2
+    program = step_program(wide, one, decay, rows[bounded].T @ rows[bounded], tau=each)
     if program is None or program.cross is None:
         return None
-    ratio = np.sqrt(T / program.unit) / (tau * np.where(bounded, least / bounds, 1.0) ** 2)
+    ratio = np.sqrt(T / program.unit) / each
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
     h = cp.diag(ratio / np.where(bounded, bounds, 1.0)) @ program.cross
     k = rows @ inverse.T
-    conditions = [inside(loop, gamma, program.P, sizes)]
+    conditions, unit = inside(loop, gamma, program, sizes)
     for l in np.flatnonzero(bounded):
         side = k[l : l + 1] - h[l : l + 1]
         conditions.append(cp.bmat([[program.V, side.T], [side, np.eye(1)]]) >> 0)
@@ -164,7 +158,6 @@ def _least(
     found = program.least(gamma, conditions)
     if found is None:
         return None
-    scale = tau * np.where(bounded, least / bounds, 1.0) ** 2 * program.unit
     H = (ratio[:, None] * program.cross.value) @ program.basis.T
     storage = replace(found[1], t=np.zeros(len(loop.ways)), kappa=0.0)
-    return found[0], ClippedWitness(storage, scale, H)
+    return unit * found[0], ClippedWitness(storage, each * program.unit, H)
