@@ -138,7 +138,7 @@ def _least(
     """Return gamma and its witness without prices of the errors, or None; tau: of the nearest limit."""
     import cvxpy as cp
 
-    wide, n, inputs, T = clipped(loop), loop.n_x, len(loop.computed), loop.network.period
+    wide, n, inputs = clipped(loop), loop.n_x, len(loop.computed)
     bounds = np.tile(limits, inputs // len(limits))
     bounded = np.isfinite(bounds)
     rows = loop.computed[:, :n] / np.where(bounded, bounds, 1.0)[:, None]
@@ -146,7 +146,7 @@ def _least(
     program = step_program(wide, one, decay, rows[bounded].T @ rows[bounded], tau=each)
     if program is None or program.cross is None:
         return None
-    ratio = np.sqrt(T / program.unit) / each
+    ratio = np.sqrt(program.h / program.unit) / each
     gamma, inverse = cp.Variable(), np.linalg.inv(program.basis)
     h = cp.diag(ratio / np.where(bounded, bounds, 1.0)) @ program.cross
     k = rows @ inverse.T

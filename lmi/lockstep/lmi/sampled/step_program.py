@@ -7,9 +7,10 @@ B_d' and M = sum m_ij M_ij, B_d and C_d of one agent, the inequality of `lockste
     [ P A_z                                  P         P E F     ]  >= 0,
     [ 0                                      F'E'P     M (x) I   ]
 
-Pi_z = diag(decay P - weight (T T')^-1 (x) I, kappa I). It is put to the solver for (x_cl+ - x_cl) / T_s, with P = L V L' so
-that V is near the identity, and zeta in units in which B is near one: a step of 5 ms hardly moves anything, and its
-differences would drown in the solver's tolerance. The Riccati equations of `storage` are faster and need m; here m is free.
+Pi_z = diag(decay P - weight (T T')^-1 (x) I, kappa I). It is put to the solver for (x_cl+ - x_cl) / h, h the norm of A - I,
+with P = L V L' so that V is near the identity, and zeta in units in which B is near one: a step of 5 ms hardly moves
+anything, its differences would drown in the solver's tolerance, and in which unit time is counted does not matter. The
+Riccati equations of `storage` are faster and need m; here m is free.
 """
 
 from dataclasses import dataclass
@@ -43,13 +44,14 @@ NOTHING = 1e-14
 class StepProgram:
     """The program of one loop and decay.
 
-    basis: L;  V, m, kappa: variables, kappa in units of `unit`;  P: L V L';  conditions: the inequality;  cross: tau H L^-T
-    sqrt(unit / T), a variable, where a sector is part of it.
+    basis: L;  h: how far a step moves;  V, m, kappa: variables, kappa in units of `unit`;  P: L V L';  conditions: the
+    inequality;  cross: tau H L^-T sqrt(unit / h), a variable, where a sector is part of it.
     """
 
     loop: SampledLoop
     decay: float
     basis: Float[np.ndarray, "n n"]
+    h: float
     unit: float
     V: Any
     m: Any
@@ -106,7 +108,7 @@ def step_program(
     """
     import cvxpy as cp
 
-    d, n, n_d, T = loop.network.d, loop.n_x, loop.n_d, loop.network.period
+    d, n, n_d = loop.network.d, loop.n_x, loop.n_d
     others = np.arange(loop.messages.start, loop.messages.stop) if noise else np.arange(0)
     if tau is not None:
         others = np.arange(loop.n_z - len(tau), loop.n_z)
@@ -117,18 +119,20 @@ def step_program(
     if L is None:
         return None
     inverse = np.linalg.inv(L)
+    D = L.T @ (N[:, :n] - np.eye(n)) @ inverse.T
+    h = float(np.linalg.norm(D, 2)) or 1.0
     # In units of each state: beside pascals an eigenvalue of metres looks like rounding.
     sizes = np.sqrt(np.maximum(np.diag(one.BB_d), 1e-300))[:, None]
     values, vectors = np.linalg.eigh(one.BB_d / sizes / sizes.T)
     root = (sizes * vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > NOTHING * values.max(initial=0.0)]
-    F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(T)
-    D, rate = L.T @ (N[:, :n] - np.eye(n)) @ inverse.T / T, (1 - decay) / T
-    B = L.T @ N[:, n:] / np.sqrt(T)
+    F = L[:n_d].T @ np.kron(np.eye(d.N - 1), root) / np.sqrt(h)
+    D, rate = D / h, (1 - decay) / h
+    B = L.T @ N[:, n:] / np.sqrt(h)
     scale = float(np.linalg.norm(B, 2)) if B.size else 1.0
     B = B / (scale or 1.0)
     # (x_cl, zeta) in the program's coordinates; the costs are linear in M, and `copies` wants a regular one.
     into = np.zeros((len(columns),) * 2)
-    into[:n, :n] = inverse.T / np.sqrt(T)
+    into[:n, :n] = inverse.T / np.sqrt(h)
     into[n:, n:] = np.eye(len(columns) - n) / (scale or 1.0)
     whole, unit = np.eye(d.N - 1), np.eye(root.shape[1])
     Q_of = [copies(one, whole + d.pair_multiplier(i, j)).CC_d - lifted.CC_d for i, j in pairs]
@@ -142,12 +146,12 @@ def step_program(
     price = (scale or 1.0) ** 2
     weighed = np.zeros((n, n))
     weighed[:n_d, :n_d] = metric(loop)
-    dear = kappa * (price * weight / T) * (inverse @ weighed @ inverse.T)
+    dear = kappa * (price * weight / h) * (inverse @ weighed @ inverse.T)
     first = -rate * V - along - along.T - Q[:n, :n] - dear
     rows = [
-        [first, np.sqrt(T) * along.T, -out],
-        [np.sqrt(T) * along, V, np.sqrt(T) * out],
-        [-out.T, np.sqrt(T) * out.T, M],
+        [first, np.sqrt(h) * along.T, -out],
+        [np.sqrt(h) * along, V, np.sqrt(h) * out],
+        [-out.T, np.sqrt(h) * out.T, M],
     ]
     mixed = None if tau is None else cp.Variable((len(tau), n))
     if len(others):
@@ -156,12 +160,12 @@ def step_program(
         cost = kappa * np.eye(count) if tau is None else 2 * np.diag(tau)
         none = np.zeros((count, F.shape[1]))
         rows[0].insert(1, cross)
-        rows[1].insert(1, np.sqrt(T) * enters)
+        rows[1].insert(1, np.sqrt(h) * enters)
         rows[2].insert(1, none.T)
-        rows.insert(1, [cross.T, cost - Q[n:, n:], np.sqrt(T) * enters.T, none])
+        rows.insert(1, [cross.T, cost - Q[n:, n:], np.sqrt(h) * enters.T, none])
     form = cp.bmat(rows)
     conditions = [(form + form.T) / 2 >> 0, V >> FLATTEST * np.eye(n)]
-    return StepProgram(loop, decay, L, price, V, m / size, kappa, conditions, mixed)
+    return StepProgram(loop, decay, L, h, price, V, m / size, kappa, conditions, mixed)
 
 
 def basis_of(N: Float[np.ndarray, "n n"], near: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"] | None:
