@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from lockstep.check.numbers import exactly
 from lockstep.check.sampled import balls
-from lockstep.check.sampled.conjugate_points import lifted_if_regular, no_conjugate_point
+from lockstep.check.sampled.conjugate_points import lifted_if_regular
 from lockstep.check.sampled.lifting import copies, lift
 
 
@@ -88,12 +88,28 @@ def test_a_multiplier_couples_copies_as_one_big_period_would():
         np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12)
 
 
+def no_conjugate_point(A, EE, CC, period):
+    """Whether a period without inputs is shown to hold none."""
+    with balls.working_precision():
+        return lifted_if_regular(A, exactly(np.zeros((len(A), 0))), EE, CC, period) is not None
+
+
 def test_a_conjugate_point_inside_the_period_is_not_overlooked():
     # Gamma_11 = cos t: singular at pi/2, and perfectly invertible at t = 2.5, where the formulas would mean nothing.
     one, zero = exactly(np.eye(1)), exactly(np.zeros((1, 1)))
     assert no_conjugate_point(zero, one, one, 1.57)
     assert not no_conjugate_point(zero, one, one, 1.58)
     assert not no_conjugate_point(zero, one, one, 2.5)
+
+
+def test_a_part_that_is_no_double_is_no_proof():
+    """Below the normal doubles a quarter of a number with all its places is rounded, and four of these are another period."""
+    A, one = exactly(np.array([[-(2.0**1022)]])), exactly(np.array([[2.0**1021]]))
+    least = 2.0**-1022
+    assert 2 * (least * (1 + 2**-52) / 2) != least * (1 + 2**-52)
+    assert no_conjugate_point(A, one, one, least)
+    assert no_conjugate_point(A, one, one, least * (1 + 2**-50))
+    assert not no_conjugate_point(A, one, one, least * (1 + 2**-52))
 
 
 def test_a_stiff_agent_needs_more_pieces_and_gets_them():
