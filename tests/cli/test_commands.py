@@ -66,6 +66,11 @@ def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     assert said.startswith("agreement from |x_d(0)| <= 1.9, or sum (...), a = 80 m (x), 0.5 (v), 0.71 times")
     assert "(from there nothing is proved)" in said
     assert not proved_besides(of, lambda claim: claim != "clipped")
+    nothing = proved_besides({**of, "limits": {}})
+    assert nothing["no saturation"] == nothing["with saturation"] == "nothing is proved", (
+        "limits are asked for"
+    )
+    assert "no saturation" not in proved_besides({key: one for key, one in of.items() if key != "limits"})
     static = proved_besides({**of, "gains": [{"A": []}]})["with saturation"]
     assert static == "agreement from |x_d(0)| <= 1.9", "what has no states is at rest whatever it does"
 

@@ -108,6 +108,7 @@ def proved_besides(
     limits, rest = content.get("limits") or {}, ", controllers at rest" * C
     rest += f", {LOCAL}" * (content.get("scope") == "local")
     clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
+    none = NOTHING * (content.get("limits") == {})
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]
@@ -116,8 +117,8 @@ def proved_besides(
         "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
         "decay": ("convergence", decay and CONVERGES.format(decay)),
         "controllers_stable": ("controllers stable", stable),
-        "limits": ("no saturation", _within("from", limits, "", clips, rest)),
-        "clipped": ("with saturation", _within("agreement from", limits, "clipped_", NOTHING, rest)),
+        "limits": ("no saturation", _within("from", limits, "", clips, rest) or none),
+        "clipped": ("with saturation", _within("agreement from", limits, "clipped_", NOTHING, rest) or none),
     }
     return {name: said for claim, (name, said) in rows.items() if said and proves(claim)}
 
