@@ -102,6 +102,16 @@ def test_a_conjugate_point_inside_the_period_is_not_overlooked():
     assert not no_conjugate_point(zero, one, one, 2.5)
 
 
+def test_entries_beyond_all_doubles_are_no_proof_and_no_error():
+    """cos t again, in units in which EE, FF or their sums are no doubles: nothing is known of how short a part is."""
+    zero, one = exactly(np.zeros((2, 2))), exactly(np.eye(2))
+    for size in (fmpq(2) ** 1023, fmpq(10) ** 400):
+        ones = exactly(np.ones((2, 2)))
+        assert not no_conjugate_point(zero, one, size * ones, 2.0)
+        assert not no_conjugate_point(zero, one, size * ones + one / size, 1e-300)
+    assert not no_conjugate_point(zero, one * np.array(arb("nan")), one, 1.0)
+
+
 def test_a_part_that_is_no_double_is_no_proof():
     """Below the normal doubles a quarter of a number with all its places is rounded, and four of these are another period."""
     A, one = exactly(np.array([[-(2.0**1022)]])), exactly(np.array([[2.0**1021]]))

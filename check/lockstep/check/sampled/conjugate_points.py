@@ -38,13 +38,12 @@ def lifted_if_regular(A: Matrix, B: Matrix, EE: Matrix, CC: Matrix, period: floa
     n = len(A)
     whole = np.block([[-A.T, -CC[:n, :n]], [EE, A]])
     sizes = np.array([float(arb(entry).abs_upper()) for entry in whole.ravel()]).reshape(whole.shape)
-    halvings = halvings_to(SHORT, sizes, period)
-    h = period / 2**halvings
-    if not np.isfinite(sizes).all() or halvings > MOST_HALVINGS or h * 2**halvings != period:
-        return None
     # With inputs in units so small that Gamma_11, which holds B', is not inverted in these balls there is no period.
-    with suppress(ZeroDivisionError):
-        one = lift(A, B, EE, CC, h)
+    with suppress(ZeroDivisionError, np.linalg.LinAlgError):
+        halvings = halvings_to(SHORT, sizes, period)
+        if halvings > MOST_HALVINGS or period / 2**halvings * 2**halvings != period:
+            return None
+        one = lift(A, B, EE, CC, period / 2**halvings)
         for _ in range(halvings):
             reached = midpoints(one.BB_d).diagonal()
             Q = one.CC_d[:n, :n] + exactly(np.diag(SLIGHT / np.where(reached > 0, reached, 1.0)))

@@ -101,9 +101,16 @@ def lift(
 
 
 def halvings_to(most: float, sizes: Annotated[np.ndarray, "n n"], period: float) -> int:
-    """Return how often a period is halved until a matrix of such entries has a norm (of rows) times it of `most` or less."""
-    fast = float(sizes.sum(axis=1).max(initial=0.0)) * period
-    return max(0, math.ceil(math.log2(fast / most))) if 0 < fast < math.inf else 0
+    """Return how often a period is halved until a matrix of such entries has a norm (of rows) times it of `most` or less.
+
+    Raises:
+        numpy.linalg.LinAlgError: a sum of them is no double.
+    """
+    with np.errstate(over="ignore"):
+        fast = float(sizes.sum(axis=1).max(initial=0.0)) * period
+    if not math.isfinite(fast):
+        raise np.linalg.LinAlgError("entries beyond all doubles")
+    return max(0, math.ceil(math.log2(fast / most))) if fast > 0 else 0
 
 
 def copies(one: Lifted, M: Matrix) -> Lifted:
