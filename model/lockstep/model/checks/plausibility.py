@@ -118,7 +118,7 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
         yield CheckRow("units", "note", f'{figure} (mm = 1000.0, in "mm/m")', hides)
     sizes = dict(zip(agent.states, state_sizes(agent), strict=True))
-    least, most = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
+    least, most = min(reversed(sizes), key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
     if sizes[most] > FAR * sizes[least] and problem.design.weights.state == 1.0:
         moved = f"{most} moves by numbers about {sizes[most] / sizes[least]:.0e} times those of {least}"
         figure = f"{moved}: count them in units in which they are alike (mm, bar)"
