@@ -110,6 +110,7 @@ def test_entries_beyond_all_doubles_are_no_proof_and_no_error():
         assert not no_conjugate_point(zero, one, size * ones, 2.0)
         assert not no_conjugate_point(zero, one, size * ones + one / size, 1e-300)
     assert not no_conjugate_point(zero, one * np.array(arb("nan")), one, 1.0)
+    assert not no_conjugate_point(zero, one, one, 1e308), "twice that is no double"
 
 
 def test_a_part_that_is_no_double_is_no_proof():
@@ -144,6 +145,17 @@ def test_units_of_the_states_decide_nothing_about_conjugate_points():
     E, F = exactly(np.array([[0.0], [1.8e9]])), exactly(np.array([[1.0, 0.0]]))
     assert no_conjugate_point(A, E @ E.T, F.T @ F, 1e-6)
     assert not no_conjugate_point(A, E @ E.T * fmpq(10) ** 8, F.T @ F, 1e-6)
+
+
+@pytest.mark.parametrize("power", [0, 20, -20, 40, -40])
+def test_what_is_lost_in_units_far_apart_has_more_bits(power):
+    """A damped oscillator far from a conjugate point, its position and its speed in units up to 2^80 apart."""
+    D, inverse = (exactly(np.diag([2.0**k, 2.0**-k])) for k in (power, -power))
+    A, EE, FF = (
+        exactly(np.array(one)) for one in ([[0, 1.0], [-1, -1]], [[0, 0], [0, 1.0]], [[1 / 16, 0], [0, 0]])
+    )
+    assert no_conjugate_point(D @ A @ inverse, D @ EE @ D, inverse @ FF @ inverse, 1.0)
+    assert not no_conjugate_point(D @ A @ inverse, D @ EE @ D * 2000, inverse @ FF @ inverse, 1.0)
 
 
 def test_inputs_in_units_that_the_balls_do_not_hold_are_no_proof_and_no_error():

@@ -3,10 +3,10 @@
 Then, and only then, int |z|^2 - |w|^2 is negative for every w from rest, and the step of `lifting` is the true maximum.
 Without it Gamma_11 may well be invertible at T_s: what the formulas then give is no bound of anything.
 
-A part h of the period is so short that |exp(t H) - I| <= exp(h |H|) - 1 < 1 for t in [0, h], where Gamma(t) = exp(t H). Of
-two equal parts, held inputs being 0, the first reaches x from rest at the cost x' S^+ x, of which the second gives back
-x' Q x at most: with S^1/2 Q S^1/2 < I the whole is negative, too, and so on by doubling. S and Q may be singular: with
-diag(e) > 0 small, Q + diag(e) - (Q + diag(e)) S (Q + diag(e)) > 0 says more.
+A part h of the period is so short that |exp(t H) - I| <= exp(h |H|) - 1 < 1 for t in [0, h], where Gamma(t) = exp(t H). E E'
+and C_z'C_z are squares. Of two equal parts, held inputs being 0, the first reaches x from rest at the cost x' S^+ x, of
+which the second gives back x' Q x at most: with S^1/2 Q S^1/2 < I the whole is negative, too, and so on by doubling. S and
+Q may be singular: with diag(e) > 0 small, Q + diag(e) - (Q + diag(e)) S (Q + diag(e)) > 0 says more.
 """
 
 from contextlib import suppress
@@ -15,14 +15,14 @@ import numpy as np
 from flint import arb
 
 from lockstep.check.numbers import Matrix, exactly
-from lockstep.check.sampled.balls import is_positive_definite, midpoints, product
+from lockstep.check.sampled.balls import BITS, is_positive_definite, product, working_precision
 from lockstep.check.sampled.lifting import Lifted, halvings_to, lift
 
 SHORT = 0.5
 """h |H|: ln 2 would do."""
 
-MOST_HALVINGS = 200
-"""Of the 256 bits of a ball so many tell what the shortest part does from nothing; states in mm beside Pa take thirty."""
+MOST_HALVINGS, LOST = 200, 16
+"""A part as short as it takes with states in mm beside Pa is halved thirty times; and bits that are lost in a doubling."""
 
 SLIGHT = 2.0**-60
 """e_k S_kk."""
@@ -43,12 +43,13 @@ def lifted_if_regular(A: Matrix, B: Matrix, EE: Matrix, CC: Matrix, period: floa
         halvings = halvings_to(SHORT, sizes, period)
         if halvings > MOST_HALVINGS or period / 2**halvings * 2**halvings != period:
             return None
-        one = lift(A, B, EE, CC, period / 2**halvings)
-        for _ in range(halvings):
-            reached = midpoints(one.BB_d).diagonal()
-            Q = one.CC_d[:n, :n] + exactly(np.diag(SLIGHT / np.where(reached > 0, reached, 1.0)))
-            if not is_positive_definite(Q - product(Q, one.BB_d, Q)):
-                return None
-            one = one.twice()
-        return one
+        with working_precision(BITS + LOST * halvings):
+            one = lift(A, B, EE, CC, period / 2**halvings)
+            for _ in range(halvings):
+                reached = np.array([float(arb(S_kk).abs_upper()) for S_kk in one.BB_d.diagonal()])
+                Q = one.CC_d[:n, :n] + exactly(np.diag(SLIGHT / np.where(reached > 0, reached, 1.0)))
+                if not is_positive_definite(Q - product(Q, one.BB_d, Q)):
+                    return None
+                one = one.twice()
+            return one
     return None

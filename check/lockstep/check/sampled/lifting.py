@@ -107,10 +107,10 @@ def halvings_to(most: float, sizes: Annotated[np.ndarray, "n n"], period: float)
         numpy.linalg.LinAlgError: a sum of them is no double.
     """
     with np.errstate(over="ignore"):
-        fast = float(sizes.sum(axis=1).max(initial=0.0)) * period
+        fast = float(sizes.sum(axis=1).max(initial=0.0)) * period / most
     if not math.isfinite(fast):
         raise np.linalg.LinAlgError("entries beyond all doubles")
-    return max(0, math.ceil(math.log2(fast / most))) if fast > 0 else 0
+    return max(0, math.ceil(math.log2(fast))) if fast > 0 else 0
 
 
 def copies(one: Lifted, M: Matrix) -> Lifted:
