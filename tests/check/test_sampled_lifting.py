@@ -123,7 +123,7 @@ def test_a_part_that_is_no_double_is_no_proof():
     assert not no_conjugate_point(A, one, one, least * (1 + 2**-52))
 
 
-def test_a_stiff_agent_needs_more_pieces_and_gets_them():
+def test_a_stiff_agent_needs_shorter_parts_and_gets_them():
     A = exactly(np.array([[0.0, 1.0], [-400.0, -1.0]]))
     E, F = exactly(np.array([[0.0], [1.0]])), exactly(np.array([[1.0, 0.0]]))
     assert no_conjugate_point(A, E @ E.T, F.T @ F, 1.0)

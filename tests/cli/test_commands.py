@@ -234,7 +234,7 @@ def test_certify_prints_the_decay_of_the_worked_example() -> None:
 
 @pytest.mark.parametrize(("alone", "says"), [(0.1, False), (0.33, False), (0.4, True)])
 def test_agents_that_agree_faster_by_themselves_are_said_to(alone, says, root) -> None:
-    """0.3077 1/s is proved of the sampled controllers: `rate` of the committed arms."""
+    """0.3077 1/s is proved of the sampled controllers, `rate` of the committed arms; a tenth more is not called slower."""
     content = lockstep.load(root / "generated" / "flexible_joint_arms").document()
     assert 0.1 < content["sampled"]["rate"] < 0.4
     content = {**content, "figures": {**content["figures"], "rho_alone": 10.0, "decay_alone": alone}}

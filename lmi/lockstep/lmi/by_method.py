@@ -57,8 +57,9 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
     alone = stop.optional(lambda: rho_alone(network, found.claim), otherwise=None)
     figures = found.figures | _figures(problem, network, found.gains) | {"rho_alone": alone}
     if alone is not None and not eliminates_P(network.loop(0)):
-        figures["lost_mode"] = (lost := slowest_lost_mode(network, found.claim)) and lost.said
-        figures["decay_alone"] = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
+        fast = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
+        lost = slowest_lost_mode(network, found.claim)
+        figures |= {"decay_alone": fast, "lost_mode": lost.said if lost and lost.holds_back(fast) else None}
     own = posed._replace(claim=found.claim)
     gains, proved = found.gains, found.certificate
     return Proposal(*own, gains, proved, figures, floor, found.others, sampled=found.sampled)

@@ -4,7 +4,7 @@ import pytest
 from lmi_cases import first_wishes, problem
 
 from lockstep.check.errors import Infeasible
-from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
+from lockstep.lmi.analysis.lost_modes import LostMode, slowest_lost_mode
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
@@ -35,6 +35,10 @@ def test_a_flat_nonlinearity_hides_what_only_it_shows() -> None:
         assert found is not None
         assert found[0] == pytest.approx(0.25, rel=1e-12)
         assert "phi1 has the slope 0 along v1 (v1 = T) no output shows the mode at -0.25 1/s" in found[1]
+    # The proved bound of this slope is rounded up: its end is 1e-10 beyond what is flat, and hides nothing.
+    logistic = lost(heated(phi="5/(1 + exp(-0.15*T))"))
+    assert logistic is not None
+    assert logistic[0] == pytest.approx(0.25, rel=1e-12)
     measured = lost(heated(outputs=("x", "T")))
     assert measured is not None
     assert measured[0] == pytest.approx(2.0), "T is seen, and x, then, is what no input moves"
@@ -44,8 +48,8 @@ def test_a_flat_nonlinearity_hides_what_only_it_shows() -> None:
 
 
 def test_what_no_input_moves_counts_too_and_an_end_of_a_slope_where_nothing_is_flat() -> None:
-    """x' = -x + 2 T - phi(T), T' = u - 0.25 T: of slopes of phi from 1 to 2 the upper end hides T, which flat does not."""
-    found = lost(heated(phi="2*T - (1.5*T + 0.5*sin(T)) - x"))
+    """x' = (T - sin T)/2 - 2 x: the slope 1 of sin T, an end of its slopes, hides T, which a flat sin T does not."""
+    found = lost(heated(phi="0.5*T - 0.5*sin(T)"))
     assert found is not None
     assert found[0] == pytest.approx(0.25)
     stirred = problem(
@@ -60,6 +64,26 @@ def test_what_no_input_moves_counts_too_and_an_end_of_a_slope_where_nothing_is_f
     assert "no input moves" in found[1]
 
 
+def test_slopes_beyond_their_own_bounds_hide_nothing() -> None:
+    """q T with q from 0.5 to 0.9: alpha is 1 and more, of what T does to it, and would hold a q of 0 as well."""
+    posed = problem(
+        dynamics={"x": "q*T - 2*x", "T": "u - 0.25*T", "q": "u - q"},
+        outputs={"y0": "x", "y1": "q"},
+        network='agents = 2\ntopology = "path"',
+        design="order = 1\nstarts = 1",
+        agent="domain = { q = [0.5, 0.9], T = [-1.0, 1.0] }",
+    )
+    assert lost(posed) is None
+
+
+def test_it_holds_back_what_is_not_much_slower() -> None:
+    """A hidden lag of a millisecond is no reason for a decay of 1/s."""
+    mode = LostMode(200.0, "")
+    assert mode.holds_back(150.0)
+    assert not mode.holds_back(1.0)
+    assert not mode.holds_back(None)
+
+
 def test_of_many_slopes_all_flat_is_looked_at() -> None:
     """Four components, each of an argument of its own: what is hidden is so where the first is flat."""
     states = {f"s{k}": f"u - {k}*s{k} - 0.1*sin(s{k})" for k in (1, 2, 3)}
@@ -72,6 +96,7 @@ def test_of_many_slopes_all_flat_is_looked_at() -> None:
     found = lost(posed)
     assert found is not None
     assert found[0] == pytest.approx(0.25)
+    assert "all of phi is flat (v1 = T" in found[1]
 
 
 def test_a_decay_beyond_is_refused_before_any_search_and_one_below_is_certified() -> None:

@@ -19,13 +19,14 @@ from lockstep.check.sampled.balls import BITS, is_positive_definite, product, wo
 from lockstep.check.sampled.lifting import Lifted, halvings_to, lift
 
 SHORT = 0.5
-"""h |H|: ln 2 would do."""
+"""h |H|, the norm the largest sum of a row: ln 2 would do."""
 
 MOST_HALVINGS, LOST = 200, 16
-"""A part as short as it takes with states in mm beside Pa is halved thirty times; and bits that are lost in a doubling."""
+"""A period with states in m beside Pa is halved some thirty times. And bits taken for each: with fewer, states in units 2^80
+apart are refused."""
 
 SLIGHT = 2.0**-60
-"""e_k S_kk."""
+"""e_k S_kk: by so little a period just below a conjugate point may be refused."""
 
 
 def lifted_if_regular(A: Matrix, B: Matrix, EE: Matrix, CC: Matrix, period: float) -> Lifted | None:

@@ -18,9 +18,9 @@ Francis 1995, chapter 13). With an invertible multiplier M on w and z and the ag
 agent's matrix in a Kronecker product, B_d B_d' of M^-1 and C_d'C_d of M: the inequality stays linear in M, and
 one small exponential serves all agents and all M.
 
-Of a mode that is fast against T_s nothing is left of the others in Gamma, which holds e^(2 |A| T_s). So Gamma is taken of a
-part of the period, and two equal parts are made one: the largest value over both, of (A, S, Q) = (A_d, B_d B_d', C_d'C_d)
-each, inputs counted among the states, is that of
+Beside a mode lambda that is fast against T_s nothing is left of the others in Gamma, which holds e^(2 |lambda| T_s). So Gamma
+is taken of a part of the period, and two equal parts are made one: the largest value over both, of (A, S, Q) = (A_d,
+B_d B_d', C_d'C_d) each, inputs counted among the states, is that of
 
     A W A,    S + A W S A',    Q + A' Q W A,    W = (I - S Q)^-1
 
@@ -38,7 +38,8 @@ from lockstep.check.numbers import Matrix, as_floats, converter, eye, is_exact, 
 from lockstep.check.sampled.balls import exponential, inverse, product
 
 FAST = 4.0
-"""|A| T_s of a part of a period: doubles lose e^8 of sixteen digits. Of no example is that of a whole one above it."""
+"""|lambda| T_s of a part of a period: doubles lose e^8 of sixteen digits. With a shorter one they lose digits of A_d - I, so
+that the modes count, and not a norm of A, which is large in m and Pa. Of no example is a whole period above it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def lift(
     size = n + k
     A_, EE_, CC_ = (zeros(size, size, A) for _ in range(3))
     A_[:n, :n], A_[:n, n:], EE_[:n, :n], CC_[: len(CC), : len(CC)] = A, B, EE, CC
-    halvings = halvings_to(FAST, np.abs(as_floats(A)), period)
+    halvings = halvings_to(FAST, np.abs(np.diag(np.linalg.eigvals(as_floats(A)))), period)
     T_s = converter(is_exact(A))(np.array([period]))[0] / 2**halvings
     Gamma = exponential(T_s * np.block([[-A_.T, -CC_], [EE_, A_]]))
     inv = inverse(Gamma[:size, :size])
@@ -101,10 +102,10 @@ def lift(
 
 
 def halvings_to(most: float, sizes: Annotated[np.ndarray, "n n"], period: float) -> int:
-    """Return how often a period is halved until a matrix of such entries has a norm (of rows) times it of `most` or less.
+    """Return how often a period is halved until the largest sum of a row of sizes, times what is left, is at most `most`.
 
     Raises:
-        numpy.linalg.LinAlgError: a sum of them is no double.
+        numpy.linalg.LinAlgError: a sum that is no double.
     """
     with np.errstate(over="ignore"):
         fast = float(sizes.sum(axis=1).max(initial=0.0)) * period / most

@@ -162,8 +162,7 @@ class Simulation:
             said = "that all agents stay in their domain is proved, of the continuous controllers, from"
             told["initial states"] = f"{said} {below(covered, 3)} times this start"
         if problem.reference is not None:
-            given = problem.simulation.reference or {}
-            moved = ", ".join(f"{name} = {text}" for name, text in given.items())
+            moved = ", ".join(f"{of} = {text}" for of, text in (problem.simulation.reference or {}).items())
             leader = f"{problem.agent().name}{problem.reference.leader + 1}"
             told["reference"] = (
                 f"of {leader}: {moved}, counted as its disturbance: one that lasts may leave the others behind, one that"

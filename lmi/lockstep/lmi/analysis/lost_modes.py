@@ -20,6 +20,9 @@ from lockstep.model.network import Network
 TOGETHER = 3
 """Slopes that are looked at in all combinations of their ends: of more, where all are flat."""
 
+ROUNDED = 1 + 1e-12
+"""Times its bound, what rounding may leave of a slope at its end."""
+
 
 class LostMode(NamedTuple):
     """decay: in 1/s, of a mode that no controller moves;  said: where the slopes of phi are such, and why."""
@@ -27,49 +30,43 @@ class LostMode(NamedTuple):
     decay: float
     said: str
 
+    def holds_back(self, decay: float | None) -> bool:
+        """Return whether it is near a decay, in 1/s: less than twice as fast."""
+        return decay is not None and self.decay < 2 * decay
+
 
 def slowest_lost_mode(network: Network, claim: Claim) -> LostMode | None:
     """Return the slowest mode that constant slopes within the claim hide from every controller, in doubles; or None."""
     plant, found = network.plant, list[LostMode]()
-    for S in _constant_slopes(network, claim):
+    for S, where in _constant_slopes(network, claim):
         A = plant.A + plant.G @ S @ plant.H
         ways = [("no input moves", A, B) for B in {B.tobytes(): B for B in plant.B}.values()]
         for why, *pair in (*ways, ("no output shows", A.T, plant.C.T)):
-            modes = ((mode, f"{mode:.4g}".removesuffix("+0j")) for mode in lost_modes(*pair))
-            found += (
-                LostMode(-s.real, f"{_where(network, S)}{why} the mode at {shown} 1/s") for s, shown in modes
-            )
+            for s in lost_modes(*pair):
+                shown = f"{s:.4g}".removesuffix("+0j")
+                found.append(LostMode(-s.real, f"{where}{why} the mode at {shown} 1/s"))
     return min(found, key=lambda mode: mode.decay, default=None)
 
 
-def _constant_slopes(network: Network, claim: Claim) -> Iterator[Float[np.ndarray, "r v"]]:
-    """Yield slopes of phi within the claim, in the units of its bound: 0, the ends of each, where phi as written is flat."""
-    flat = -network.agent.centring.matrix(*_units(network).shape) / _units(network)
-    ends = {(one.component, one.argument): one.bound for one in claim.entries}
-    ends = ends or dict.fromkeys(np.ndindex(flat.shape), claim.alpha)
-    few = len(ends) <= TOGETHER
-    values = [(0.0, flat[at], *((-end, end) if few else ())) for at, end in ends.items()]
-    for chosen in product(*values) if few else zip(*values, strict=True):
-        S = np.zeros_like(flat)
-        for at, value in zip(ends, chosen, strict=True):
-            S[at] = value
-        if (np.abs(chosen) <= list(ends.values())).all() and np.linalg.svd(S)[1].max(
-            initial=0.0
-        ) <= claim.alpha:
-            yield S
-
-
-def _units(network: Network) -> Float[np.ndarray, "r v"]:
-    """Return D_w / D_v: phi's slopes are those of the bound times these."""
+def _constant_slopes(network: Network, claim: Claim) -> Iterator[tuple[Float[np.ndarray, "r v"], str]]:
+    """Yield slopes of phi, in the units of its bound, and in words those of phi as written: 0, the middle, the ends."""
     plant = network.plant
     D_w, D_v = network.scales or (np.ones(plant.G.shape[1]), np.ones(len(plant.H)))
-    return np.outer(D_w, 1 / np.asarray(D_v))
-
-
-def _where(network: Network, S: Float[np.ndarray, "r v"]) -> str:
-    """Say what slopes S is of phi as the file writes it."""
-    slopes = S * _units(network) + network.agent.centring.matrix(*S.shape)
-    each = (
-        f"phi{k + 1} has the slope {slope:.3g} along v{l + 1}" for (k, l), slope in np.ndenumerate(slopes)
-    )
-    return f"where {' and '.join(each)} ({arguments_text(network.agent)}) " if slopes.size else ""
+    units = np.outer(D_w, 1 / np.asarray(D_v))
+    middle = network.agent.centring.matrix(*units.shape)
+    ends = {(one.component, one.argument): one.bound for one in claim.entries}
+    ends = ends or dict.fromkeys(np.ndindex(units.shape), claim.alpha)
+    few = len(ends) <= TOGETHER
+    slopes = [
+        (0.0, *(middle[at] + part * end * units[at] for part in (0, -1, 1) if few))
+        for at, end in ends.items()
+    ]
+    for chosen in product(*slopes):
+        S, said = np.zeros_like(units), list[str]()
+        for (k, l), slope in zip(ends, chosen, strict=True):
+            S[k, l] = (slope - middle[k, l]) / units[k, l]
+            said.append(f"phi{k + 1} has the slope {slope:.3g} along v{l + 1}")
+        inside = all(abs(S[at]) <= end * ROUNDED for at, end in ends.items())
+        if inside and np.linalg.svd(S)[1].max(initial=0.0) <= claim.alpha * ROUNDED:
+            where = " and ".join(said) if few else "all of phi is flat"
+            yield S, f"where {where} ({arguments_text(network.agent)}) " * bool(said)
