@@ -46,6 +46,7 @@ def test_the_limits_hold(lines, capsys):
     assert all(name in printed and str(limit) in printed for name, (_, _, limit) in lines["LIMITS"].items())
 
 
+@pytest.mark.slow
 def test_more_than_a_limit_fails_and_so_does_a_folder_that_is_gone(lines, monkeypatch, capsys):
     folders, without, _ = lines["LIMITS"]["cli"]
     monkeypatch.setitem(lines["LIMITS"], "cli", (folders, without, 10))

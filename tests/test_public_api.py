@@ -130,6 +130,7 @@ def test_a_changed_file_is_another_design(arms, place):
     assert "the gain 1, but its witness does not prove it" in verdict.reason
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("place")
 def test_from_a_problem_to_c_that_is_equal_to_the_last_bit():
     found = lockstep.design("pair.toml", output="design.json")
@@ -153,6 +154,7 @@ def test_from_a_problem_to_c_that_is_equal_to_the_last_bit():
     assert report.ok, report.problems
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("place")
 def test_problems_are_taken_as_objects_too():
     problem = lockstep.Problem.load("pair.toml")
@@ -212,6 +214,7 @@ def test_a_run_is_held_against_what_is_proved(arms, place):
         lockstep.simulate(arms, controllers="none")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("place")
 def test_a_design_that_is_no_folder_has_no_c_to_run():
     found = lockstep.design("pair.toml")

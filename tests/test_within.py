@@ -31,12 +31,14 @@ def run(root: Path, tmp_path: Path):
     return run
 
 
+@pytest.mark.slow
 def test_a_failure_before_the_time_is_one(run):
     status, said = run(NEVER)
     assert status == 1
     assert not any("left out" in line for line in said)
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_named(run):
     status, said = run(LONG_AGO)
     assert status == 0
@@ -44,6 +46,7 @@ def test_what_is_left_out_is_named(run):
     assert {"test_a.py::test_right", "test_b.py::test_wrong"} <= set(said)
 
 
+@pytest.mark.slow
 def test_another_text_begins_with_another_file(run):
     """By SHA-256 of the texts, whose first eight bytes are odd for "1" and even for "2"."""
     first = [next(line for line in run(LONG_AGO, turn)[1] if "::" in line) for turn in ("1", "2")]

@@ -258,6 +258,7 @@ for name, (graph, box, _) in cases.CONSTANTS.items():
 """
 
 
+@pytest.mark.slow
 def test_threads_and_kernels_change_nothing() -> None:
     """The same verdicts, counts and witnesses, to the last bit, whatever the linear algebra library is set to."""
     settings = [("1", "Prescott"), ("2", "Haswell"), ("4", "")]

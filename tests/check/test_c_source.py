@@ -184,6 +184,7 @@ def test_a_header_of_another_form_is_refused(old, new):
         read(files, h=files["include/a1.h"].replace(old, new, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("optimize", "weights"), [("speed", (1.0, 1.0)), ("size", (0.3, 1.7))])
 @pytest.mark.parametrize(("kind", "path"), [("h", "include/a1.h"), ("c", "src/a1.c")])
 def test_every_token_counts(optimize, weights, kind, path):

@@ -315,6 +315,7 @@ ANY = st.sampled_from([None, True, -1, 2, 3.5, 1e300, "", "x", [], {}, [1], [[1]
 PLACES = st.sampled_from([p for p in places(DESIGN) if (p and p[0] in ("problem", "claims")) or len(p) == 2])
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(PLACES, ANY)
 def test_any_value_anywhere_is_an_answer(

@@ -116,6 +116,7 @@ def test_one_gain_changed_by_half_is_refused(agent, table_1, run, tmp_path):
     assert answer["error"]["figures"]["value"] <= 0, "by how much"
 
 
+@pytest.mark.slow
 def test_alpha_4_7_is_refused(examples, run, tmp_path):
     text = (examples / "table_1.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("[design]", "[design]\nalpha = 4.7", 1))
@@ -147,6 +148,7 @@ def test_corollary_1_as_printed_is_not_certified(examples, run, tmp_path):
     assert len(answer["gains"]) == 3, "the gains are there for study"
 
 
+@pytest.mark.slow
 def test_generated_c_is_equal_to_the_last_bit(table_1, run):
     assert run("generate", table_1, "-o", "c").exit_code == 0
     chosen = [word for group in BUILD_TARGETS for word in ("--target", group)]

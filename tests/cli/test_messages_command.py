@@ -59,6 +59,7 @@ def test_a_table_that_cannot_be_exits_with_2(designed):
         assert not output.exists()
 
 
+@pytest.mark.slow
 def test_check_tells_the_limits_of_each_fault(designed):
     output, _, _ = designed("loss = 0.1")
     status, said = run("check", output, "--messages")

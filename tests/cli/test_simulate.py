@@ -64,6 +64,7 @@ def test_the_compiled_c_is_the_shipped_arithmetic(folder, run):
     assert compiled == sampled
 
 
+@pytest.mark.slow
 def test_the_worst_disturbance_comes_near_rho(folder, run):
     words = ("--controllers", "continuous", "--disturbance", "worst", "--horizon", 12, "--json")
     result = run(folder, *words)
@@ -74,6 +75,7 @@ def test_the_worst_disturbance_comes_near_rho(folder, run):
     assert found["l2"]["gain"] == pytest.approx(found["l2"]["ratio"] * found["l2"]["rho"], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_run_above_a_proved_rho_fails(folder, run, monkeypatch):
     """No such run exists; a checker that said rho = 1 would be found out."""
     from lockstep.verification.closed_loop import measured_gain
@@ -141,6 +143,7 @@ def test_lost_messages_are_not_covered(folder, run, tmp_path):
     assert "messages" in found["l2"]["reason"]
 
 
+@pytest.mark.slow
 def test_gain_errors_beyond_delta_are_not_covered(folder, run, tmp_path):
     def change(content):
         content["problem"]["simulation"]["perturbation"] = {"kind": "paper"}
@@ -157,6 +160,7 @@ def test_gain_errors_beyond_delta_are_not_covered(folder, run, tmp_path):
     assert "Delta" in found["l2"]["reason"]
 
 
+@pytest.mark.slow
 def test_the_plot_is_text(folder, run):
     result = run(folder, "--horizon", 1, "--plot")
     assert result.exit_code == 0

@@ -85,6 +85,7 @@ def test_an_interrupt_before_any_start_has_gains_keeps_nothing(small):
         lockstep.design(small, jobs=1, stop=stop, progress=interrupted_at(0.0, stop))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "doing", ["proving the certificate", "proving the decay", "proving the sampled controllers"]
 )
@@ -117,6 +118,7 @@ def test_where_no_floor_is_proved_larger_gains_are_tried_too(small, made, monkey
     assert "none was proved" in proved_besides(found.document())["lower bound"]
 
 
+@pytest.mark.slow
 def test_an_interrupt_that_nobody_takes_ends_a_later_attempt(monkeypatch):
     """Without a `Stop` of the caller's, Ctrl-C is as everywhere; with one, what the first attempt found is kept."""
     problem, found = lockstep.Problem.parse(SMALL), lmi_design.design(lockstep.Problem.parse(SMALL), jobs=1)
@@ -218,6 +220,7 @@ def test_a_second_run_takes_what_was_proved_and_a_fresh_one_does_not(small, tmp_
     assert kept(own_cache) == [file]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="build compiles the C")
 def test_a_build_says_that_its_design_was_made_before(small, tmp_path, own_cache):
     lockstep.design(small, jobs=1, reuse=True)

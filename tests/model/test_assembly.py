@@ -136,6 +136,7 @@ def test_no_finite_bound_is_bad_input() -> None:
     assert bound_of(agent({"p": "f - p**3"}, {"p": (-1.0, 1.0)})).alpha == pytest.approx(3.0, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_stored_bound_is_proved_again_with_its_own_scales() -> None:
     body = agent({"a": "b + 0.2*sin(a)*cos(b)", "b": "-9.81*sin(a) - 0.3*tanh(b) + f"}, {})
     bound = bound_of(body)

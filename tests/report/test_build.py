@@ -93,6 +93,7 @@ def test_only_a_proof_counts_as_one(sampled, said):
     assert all(part in one for one, part in zip(found, said, strict=True))
 
 
+@pytest.mark.slow
 def test_a_build_that_finds_no_gains_says_what_is_seldom_meant(tmp_path):
     """A start outside of the domain, in other units: of a plant that no gains of so small a norm stabilise."""
     file = tmp_path / "problem.toml"
@@ -106,6 +107,7 @@ def test_a_build_that_finds_no_gains_says_what_is_seldom_meant(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_nodes_that_a_claim_on_messages_is_of_are_written_and_compared(quick, tmp_path):
     """What `[network.messages]` asks for is proved of stamped differences: without the nodes the claim is of no C."""
     (tmp_path / "cells.toml").write_text(

@@ -34,6 +34,7 @@ def cluster():
         yield running
 
 
+@pytest.mark.slow
 def test_one_worker_is_killed_and_nothing_is_lost_or_counted_twice(plan, cluster, tmp_path, monkeypatch):
     alone = run_campaign(plan, RUNS, tmp_path / "alone", jobs=2)
     pids = [worker.pid for worker in cluster.workers.values()]
@@ -71,6 +72,7 @@ def _failing(*_):
     raise RuntimeError("no such luck")
 
 
+@pytest.mark.slow
 def test_what_fails_on_the_cluster_is_told(plan, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(over, "compute", _failing)
     with pytest.raises(ClaimError, match="runs 0 to 7 failed on the cluster: RuntimeError: no such luck"):

@@ -71,6 +71,7 @@ def test_messages_that_do_not_arrive(sampled):
     assert found["effort_peak"][0] > 0
 
 
+@pytest.mark.slow
 def test_only_the_states_that_rho_is_a_gain_from_are_disturbed(tmp_path):
     """A force disturbs a rate; nothing moves an angle but its rate, and rho says nothing of what would."""
     (tmp_path / "pushed.toml").write_text(PUSHED)

@@ -114,6 +114,7 @@ def test_from_the_radius_nothing_clips_and_from_the_clipped_one_all_converge(pen
     assert edge["disagreement_final"].max() < 1e-2
 
 
+@pytest.mark.slow
 def test_from_an_ellipsoid_in_the_units_of_the_states_nothing_clips_and_all_converge(pendulums):
     """The rate in 1/1000, and weighed so: what is claimed in each state's unit is the same, and a ball would not be."""
     text = PENDULUMS.replace('q = "v"', 'q = "v/1000"').replace(

@@ -34,6 +34,7 @@ def here(carts: Problem) -> "lockstep.Design":
     return lockstep.design(carts, jobs=1)
 
 
+@pytest.mark.slow
 def test_one_worker_is_killed_and_the_design_is_the_same(carts, here):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs="CRITICAL"
@@ -52,6 +53,7 @@ def test_one_worker_is_killed_and_the_design_is_the_same(carts, here):
     assert there.text() == here.text()
 
 
+@pytest.mark.slow
 def test_no_scheduler_answers(carts):
     with pytest.raises(ProblemError, match="no scheduler answers at"):
         lockstep.design(carts, scheduler="tcp://127.0.0.1:1")

@@ -250,6 +250,7 @@ def test_a_large_design_gives_the_answer_of_a_small_one(unclipped, monkeypatch):
         assert one == pytest.approx(two, rel=1e-5)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_a_hundred_thousand_agents_need_no_square_matrix(alike):
     """One such matrix would be 80 GB."""

@@ -83,6 +83,7 @@ def spec_of(shapes, real, optimize):
     return CodegenSpec(tuple(agents), period=0.01, name="shapes", real=real, optimize=optimize)
 
 
+@pytest.mark.slow
 @needs_emulator
 @pytest.mark.parametrize("group", ["cortex-m0", "cortex-m4f", "rv32imafc"])
 def test_a_leader_and_many_neighbours_keep_to_the_bounds(tmp_path, monkeypatch, group):

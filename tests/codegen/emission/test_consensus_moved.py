@@ -52,6 +52,7 @@ def test_a_leader_is_moved_by_none(root):
     assert specification(stored).certificate["where"] == WHERE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("topology", "undirected"), [("cycle", False), ("ring", True)])
 def test_method_modal_is_named_where_it_takes_the_graph(topology, undirected):
     """A design on a cycle was told of `method = "modal"`, which then refused its graph."""

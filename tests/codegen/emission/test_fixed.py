@@ -69,6 +69,7 @@ def controllers(draw):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(controllers(), st.data())
 def test_a_step_is_within_its_error_bound_and_no_sum_leaves_32_bits(one, data):
@@ -161,6 +162,7 @@ def test_c_of_another_form_is_not_read(tmp_path, end, old, new):
         read_fixed("arm1", texts["h"], texts["c"], names)
 
 
+@pytest.mark.slow
 def test_c_that_computes_otherwise_is_found(tmp_path):
     folder = folder_of(tmp_path, of_arms(), "fixed")
     path = folder / "fixed" / "arm1_fixed.c"

@@ -109,6 +109,7 @@ def test_other_code_is_seen_by_running_it_and_by_reading_it(tmp_path, ours, thei
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["h", "c"])
 @pytest.mark.parametrize("cores", [1, 2])
 def test_no_token_can_be_left_out(part, cores):
@@ -222,6 +223,7 @@ CLIPPING = {
 }
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("shape", CLIPPING)
 def test_nodes_clip_as_their_controllers_do(tmp_path, shape):

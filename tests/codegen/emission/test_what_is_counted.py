@@ -86,6 +86,7 @@ def test_only_the_line_of_messages_is_of_messages_that_are_late():
     assert "with every message in time" in found["leader"]
 
 
+@pytest.mark.slow
 def test_integers_are_claimed_to_agree_in_the_domain_only(tmp_path):
     made = designed(agent="output_range = { y = [-10.0, 10.0] }")
     lockstep.generate(made, tmp_path / "c", exports=["fixed"])
@@ -95,6 +96,7 @@ def test_integers_are_claimed_to_agree_in_the_domain_only(tmp_path):
     assert "every message arrives in time" in proved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weight", "said"), [(1.0, None), (2.0, "each state 1, each state of a controller 2")]
 )

@@ -74,6 +74,7 @@ def log_of(folder, tmp_path, library, agents):
     return log
 
 
+@pytest.mark.slow
 def test_the_steps_on_avr_are_equal_to_the_bit(root, tmp_path):
     folder = generated(root, tmp_path / "arms", "--pil", "--arduino")
     assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 0

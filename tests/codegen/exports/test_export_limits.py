@@ -59,6 +59,7 @@ def test_on_avr(tmp_path):
     assert verify_log(folder, log).problems == ()
 
 
+@pytest.mark.slow
 @needs("cargo", "rustc", "cc", "ar")
 def test_in_rust(tmp_path):
     folder = folder_of(tmp_path, limited(), "rust")
@@ -92,6 +93,7 @@ def test_as_a_unit(tmp_path):
     assert seen == {OK, CLIPPED}
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_as_nodes_of_a_network(tmp_path):
     folder = folder_of(tmp_path, limited(), "messages")

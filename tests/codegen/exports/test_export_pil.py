@@ -136,6 +136,7 @@ def test_a_stranger_among_the_vectors_is_refused(folder, tmp_path):
     assert any("pil/string.h" in said for said in json.loads(result.stdout)["differences"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", ["float32", "float64"])
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 def test_every_shape_runs(tmp_path, real, optimize):

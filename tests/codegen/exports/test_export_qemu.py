@@ -42,6 +42,7 @@ def test_the_arms_are_equal_to_the_bit_in_hardware(tmp_path, real, optimize):
     assert 300 < target.text_bytes < 1500
 
 
+@pytest.mark.slow
 @needs_qemu
 def test_other_shapes_and_wide_masks(tmp_path):
     agents = (*shapes([0, 5], [3], [2]).agents, random_controller("n64", 1, 1, 1, neighbours=64))

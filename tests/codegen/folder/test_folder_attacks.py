@@ -330,6 +330,7 @@ def test_verify_refuses_what_the_reader_of_c_rejects_before_it_is_compiled(folde
     assert "src/arm1.c is not the C that is generated" in report.problems[0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not host_compilers(), reason="no C compiler here")
 def test_verify_says_that_it_runs_code_and_stops_at_changed_files_unless_told(folder):
     def verify(*more: str):

@@ -71,6 +71,7 @@ def test_gains_that_carry_nothing_late_are_moved_until_they_do(searched):
     assert told[-1][0] == "proving the gains for the messages"
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_the_design_that_there_is(searched):
     stop = Stop()
 
@@ -99,6 +100,7 @@ def test_what_no_gains_were_found_for_says_what_is_carried(searched):
     assert 0 <= said["certified_up_to"]["burst"] < 300
 
 
+@pytest.mark.slow
 def test_gains_for_the_period_do_not_take_the_place_of_such_as_carry_the_messages(searched, monkeypatch):
     from lockstep.codegen import period_redesign
 
@@ -112,6 +114,7 @@ def without(stored):
     return replace(stored, claims=replace(stored.claims, messages=None))
 
 
+@pytest.mark.slow
 def test_what_is_asked_of_messages_and_not_proved_is_said_before_any_c(root):
     """The reason, with the part that is carried, is the one that the search left in the file."""
     document = json.loads((root / "generated" / "flexible_joint_arms" / "design.json").read_text())

@@ -256,6 +256,7 @@ def test_the_range_of_the_problem_file_is_in_the_c(root):
             parse(document, "design")
 
 
+@pytest.mark.slow
 def test_certify_renders_the_message_layer_again(root, tmp_path):
     folder = generated(root, tmp_path / "arms", "--messages")
     assert CliRunner().invoke(app, ["certify", str(folder)]).exit_code == 0
@@ -275,6 +276,7 @@ def test_reset_keeps_the_counters_and_drops_readings(script, tmp_path):
     assert counted(trace, Refusal.TOO_OLD) == 1, "the reading of 1 is no longer kept"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"real": "float64"}, {"optimize": "size"}])
 def test_bitwise_on_this_machine_with_losses_in_the_stimulus(tmp_path, options):
     folder = messages_folder(tmp_path, **options)
@@ -296,6 +298,7 @@ def test_every_refusal_and_mask_occurs_in_the_stimulus(tmp_path):
     assert (trace.age > 15).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -80,6 +80,7 @@ def test_more_is_saved_the_larger_the_threshold_and_nothing_is_changed_without_o
     assert saved[0] < saved[-1]
 
 
+@pytest.mark.slow
 def test_the_residual_that_is_proved_is_kept_and_a_threshold_costs_something(stored, network):
     """The agents are disturbed by nothing else, so that what is left in the end is the threshold's."""
     kappa = stored.claims.sampled.residual_per_message_error
@@ -92,6 +93,7 @@ def test_the_residual_that_is_proved_is_kept_and_a_threshold_costs_something(sto
     assert left[1] > left[0] > 1e-6
 
 
+@pytest.mark.slow
 def test_the_command_says_what_is_saved(root):
     folder = str(root / "generated" / "flexible_joint_arms")
     result = CliRunner().invoke(app, ["simulate", folder, "--send-on-change", "0.01", "--json"])

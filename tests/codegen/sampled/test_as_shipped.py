@@ -81,6 +81,7 @@ def test_the_same_gains_at_a_short_period_exit_0(tmp_path, monkeypatch):
     assert answer["sampled"]["rho"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("period", "redesigned"), [("0.5", True), ("0.005", False)])
 def test_a_time_limit_ends_a_design_for_the_period_and_is_told_where_there_was_one(period, redesigned):
     stored = design_file_of(design(Problem.parse(problem("certified", period))))
@@ -96,6 +97,7 @@ def test_a_time_limit_ends_a_design_for_the_period_and_is_told_where_there_was_o
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("objective", "period", "held"), [("rho", "0.005", 0.0), ("decay", "0.005", None), ("decay", "0.5", 0.5)]
 )

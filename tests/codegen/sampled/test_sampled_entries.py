@@ -92,6 +92,7 @@ def test_entries_that_are_too_small_prove_nothing(stored):
     assert "single slopes" in held.verdict.reason
 
 
+@pytest.mark.slow
 def test_witnesses_of_a_file_are_proved_again(stored):
     held = prove_design(stored)
     again = prove_design(with_sampled(stored, held))
@@ -139,6 +140,7 @@ ENDS, MIDDLE = (
 )
 
 
+@pytest.mark.slow
 def test_pair_weights_are_lowered_in_a_sector_of_several_slopes() -> None:
     """Solar trackers with dry friction: rho with the continuous weights was 134.8 or 150.8, as the kernel had them, 97 before
     sampling; in other proportions it is below either. Of what is one slope alone the continuous weights are next to best."""

@@ -22,6 +22,7 @@ def benchmark(root):
     del sys.modules["instructions"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     zig() is None or bool(missing_packages()), reason="the extra `toolchain` is not installed"
 )

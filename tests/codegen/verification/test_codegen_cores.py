@@ -80,6 +80,7 @@ def test_a_leader_whose_gains_are_all_zero_links(tmp_path):
     assert target.bitwise
 
 
+@pytest.mark.slow
 @needs_emulator
 @pytest.mark.usefixtures("all_levels")
 def test_small_leaders_keep_to_the_stated_bounds(tmp_path):

@@ -124,6 +124,7 @@ def limited(optimize="speed", real="float32"):
     return replace(spec, agents=tuple(replace(one, limits=np.array([[-6.0, 5.0]])) for one in spec.agents))
 
 
+@pytest.mark.slow
 @needs("cppcheck")
 def test_integers_deviate_in_macros_for_the_caller_alone(tmp_path):
     """No shift of a signed value, no cast of a composite expression: what is found is 2.5."""

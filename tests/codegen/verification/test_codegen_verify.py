@@ -39,6 +39,7 @@ def folder_of(tmp_path, spec):
     return write_folder(emit(spec), tmp_path / spec.name)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 @pytest.mark.parametrize("real", ["float32", "float64"])
@@ -59,6 +60,7 @@ def test_the_arms_are_equal_to_the_bit_at_every_level(tmp_path, real, optimize):
     assert seen[-1][0] == seen[-1][1] and [d for d, _ in seen] == sorted(d for d, _ in seen)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("optimize", ["speed", "size"])
 def test_every_shape_is_equal_to_the_bit(tmp_path, optimize):
@@ -72,6 +74,7 @@ def test_every_shape_is_equal_to_the_bit(tmp_path, optimize):
     assert {a.agent for t in report.targets for a in t.agents} >= {"c012", "c032", "c1232"}
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_many_neighbours_take_a_wide_mask(tmp_path):
     agents = tuple(random_controller(f"n{nn}", 1, 1, 1, neighbours=nn) for nn in (32, 33, 64))
@@ -79,6 +82,7 @@ def test_many_neighbours_take_a_wide_mask(tmp_path):
     assert report.problems == ()
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_sanitizers_find_nothing_or_say_why_they_cannot_look(tmp_path):
     report = verify_folder(folder_of(tmp_path, shapes([0, 2], [2], [1])), targets=["sanitizers"], **QUICK)
@@ -178,6 +182,7 @@ def test_code_that_does_not_compile_is_a_failed_target_with_the_compilers_words(
     assert str(tmp_path) not in report.targets[0].error or "src/arm1.c" in report.targets[0].error
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_code_that_crashes_or_hangs_does_not_take_us_along(tmp_path, monkeypatch):
     folder = folder_of(tmp_path, arms())

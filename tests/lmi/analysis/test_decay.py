@@ -1,5 +1,7 @@
 """The decay: of given gains, whatever the solver can bear; of the controllers that ship, as it is asked for."""
 
+import pytest
+
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import design_file_of
@@ -37,6 +39,7 @@ period = 0.0002
 """
 
 
+@pytest.mark.slow
 def test_a_decay_does_not_depend_on_what_the_solver_can_bear() -> None:
     """Magnetic bearings, mm and s: the loop's slowest pole is at -264 1/s, 165 is certified, and the solver, in the units of
     the file, finds one decay and not the next: by bisection 2 1/s was proved.
@@ -47,6 +50,7 @@ def test_a_decay_does_not_depend_on_what_the_solver_can_bear() -> None:
     assert 165 <= found[0] <= 264
 
 
+@pytest.mark.slow
 def test_the_sampled_controllers_decay_as_they_do() -> None:
     """x_d' = -5 x_d + phi_d, |phi_d| <= 0.1 |x_d|: 4.9 1/s, asked for or not. The V chosen for noise has half of it."""
     text = """

@@ -98,6 +98,7 @@ def test_the_certified_rho_holds_at_every_vertex_of_the_slopes() -> None:
     assert worst_of_vertices(network, gains, claim, 1.5) > found.rho
 
 
+@pytest.mark.slow
 def test_the_storage_function_falls_for_four_agents_whatever_phi_is() -> None:
     """Four agents, and values of phi that no phi_a(a) + phi_b(b) takes: on a rectangle 0, 0, 0 and the most at a corner.
 
@@ -170,6 +171,7 @@ def test_the_nonlinear_program_lowers_rho_with_entries() -> None:
     assert after.rho == pytest.approx(better.certificate.rho, rel=0.05)
 
 
+@pytest.mark.slow
 def test_modes_with_entries_prove_what_the_whole_network_has() -> None:
     """lambda from 0.59 to 3.41 on a path of four: 2 / (6 lambda) + 0.02 * 20 / (6 lambda) < 1, 2 * 20 / (6 lambda) > 1."""
     network, gains, claim = posed(pair(4, "path", -6.0))

@@ -150,6 +150,7 @@ def test_rho_of_linear_agents_is_the_norm_of_the_loop(gains: str, asked: str) ->
     assert norm <= found.rho <= 1.005 * norm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED)
 def test_the_sampled_rho_tends_to_the_continuous_one(asked: str) -> None:
     problem = pendulums(DYNAMIC, period=1e-3, asked=asked)
@@ -232,6 +233,7 @@ def test_stability_is_decided_exactly() -> None:
     assert is_stable_step((1 - 2.0**-50) * edge)
 
 
+@pytest.mark.slow
 def test_a_larger_radius_is_refused() -> None:
     stored = with_springs()
     radius = stored.claims.sampled.radius
@@ -268,6 +270,7 @@ def test_no_input_meets_its_limit_from_within_the_radius(slope: float) -> None:
     assert radius * worst >= 1.0, "the bound is within a factor of 2 of what some slope does"
 
 
+@pytest.mark.slow
 def test_the_radius_counts_what_underflow_adds_to_messages_and_to_u() -> None:
     """The largest radius a witness proves, from the equations, in doubles: no more is, and less by 2e-9 is.
 
@@ -356,6 +359,7 @@ def test_limits_that_are_none() -> None:
         Problem.parse(pendulums().toml().replace("u = [-3.0, 2.0]", "u = [3.0, -2.0]"))
 
 
+@pytest.mark.slow
 def test_a_floor_is_of_its_own_disturbances() -> None:
     """A hundredth of the disturbance has a hundredth of the gain and of the floor: that of the whole one is none of it."""
     found = design_file_of(design(pendulums()))

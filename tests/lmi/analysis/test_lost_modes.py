@@ -99,6 +99,7 @@ def test_of_many_slopes_all_flat_is_looked_at() -> None:
     assert "all of phi is flat (v1 = T" in found[1]
 
 
+@pytest.mark.slow
 def test_a_decay_beyond_is_refused_before_any_search_and_one_below_is_certified() -> None:
     said: list[str] = []
     with pytest.raises(

@@ -139,6 +139,7 @@ def test_a_refusal_shows_the_vector_and_the_value(table_1: dict[str, Any]) -> No
     assert len(refuted.figures["v"]) == 1
 
 
+@pytest.mark.slow
 def test_a_fragility_that_is_claimed_is_decided(table_1: dict[str, Any]) -> None:
     """More t than the witness has is bad input; with the t of another delta the inequality is decided for this one."""
     with pytest.raises(ProblemError, match="`t`"):
@@ -190,6 +191,7 @@ def test_a_local_certificate_is_called_local_wherever_a_reader_looks(tmp_path: P
         assert ("for every disturbance and every initial state" in words) is (scope == "global")
 
 
+@pytest.mark.slow
 def test_behind_a_leader_a_local_certificate_comes_with_initial_states() -> None:
     """The path's two ends hear each other, so nothing can be said of their common motion; a leader moves by itself."""
     agent = "centre = false\ndomain = { a = [1.0, 2.0] }"

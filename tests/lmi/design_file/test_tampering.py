@@ -180,6 +180,7 @@ def test_a_thousand_tampered_files_of_either_kind(files: list[dict[str, Any]]) -
     raise AssertionError(f"only {answers} were met")
 
 
+@pytest.mark.slow
 def test_the_last_bit_decides(files: list[dict[str, Any]]) -> None:
     """The twin bisects rho down to two neighbouring doubles, one that holds and one that does not: the checker agrees."""
     file = deepcopy(files[0])

@@ -114,6 +114,7 @@ def test_inputs_that_move_nothing_keep_their_usual_unit() -> None:
     assert np.isfinite(idle["weights"]["input"]).all()
 
 
+@pytest.mark.slow
 def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monkeypatch) -> None:
     """Where actuators that take half lead to more than ten floors, what is asked for elsewhere is tried, taken if better."""
     said = []
@@ -183,6 +184,7 @@ def test_actuators_that_never_reach_so_far_and_inputs_without_a_limit(inputs: st
     assert limits_asked(posed)[:2] == [0.02, GAIN_LIMIT]
 
 
+@pytest.mark.slow
 def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_smaller_rho() -> None:
     found = stored(slider(4.0))
     assert certify(found).certified
@@ -197,6 +199,7 @@ def test_gains_within_the_actuators_limits_are_taken_though_larger_ones_have_a_s
     assert max(np.linalg.norm(K, 2) for K in found.gains.blocks) <= 1.0
 
 
+@pytest.mark.slow
 def test_a_period_short_against_what_the_actuators_can_leaves_states_room() -> None:
     """At 0.2 ms an A of 50 1/s forgets within 100 periods; within the actuators' limits none has a tenth of that."""
     document = slider(4.0, order=1).document()

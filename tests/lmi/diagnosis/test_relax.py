@@ -55,6 +55,7 @@ def test_every_eigenvalue_is_named_where_the_gain_does_for_none() -> None:
         design(unstable("gain_limit = 0.1"), jobs=1)
 
 
+@pytest.mark.slow
 def test_a_gain_limit_that_blocks_is_named_with_one_that_does_not() -> None:
     with pytest.raises(Infeasible, match=r"gain_limit = 0\.3 is what blocks: with 3 there is") as error:
         design(softened("gain_limit = 0.3"), jobs=1)
@@ -90,6 +91,7 @@ def test_no_time_is_an_error_of_its_own() -> None:
     assert error.value.figures["time_limit"] == 1e-6
 
 
+@pytest.mark.slow
 def test_enough_time_changes_nothing_and_says_nothing() -> None:
     free, limited = (design(softened("gain_limit = 10.0"), jobs=1, time_limit=t) for t in (None, 600.0))
     assert free.gains.blocks.tolist() == limited.gains.blocks.tolist()

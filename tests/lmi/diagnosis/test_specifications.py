@@ -228,6 +228,7 @@ def test_the_largest_decay_of_the_scalar_loop_is_its_limit_s() -> None:
         design(scalar('order = 0\nstarts = 1\ngain_limit = 4.0\nobjective = "decay"\nrho = 0.14'), jobs=1)
 
 
+@pytest.mark.slow
 def test_a_decay_is_proved_where_the_solver_s_units_let_none_hold(monkeypatch) -> None:
     """x_d' = -8 x_d + phi_d decays at 7: of the parts of 8 that are put to the proof 0.8 is the first below."""
     found = design(scalar("order = 0\nstarts = 1\ngain_limit = 4.0"), jobs=1)
@@ -273,6 +274,7 @@ def test_the_front_leaves_out_what_is_worse_in_both() -> None:
     assert [one.name for one in pareto_front(points, "decay")] == ["1", "0"]
 
 
+@pytest.mark.slow
 def test_a_trade_off_of_given_gains_is_refused() -> None:
     posed = scalar('order = 0\nmethod = "given"\ngains = [{ D = [[-2.0]] }, { D = [[-2.0]] }]')
     with pytest.raises(ProblemError, match="certified"):

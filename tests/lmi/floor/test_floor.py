@@ -232,6 +232,7 @@ def test_where_gains_reach_everything_there_is_no_floor() -> None:
     assert largest_floor(scalar.matrices, plain(3, 0.0, np.eye(1)), certified=proved.rho) is None
 
 
+@pytest.mark.slow
 def test_more_alpha_and_more_weight_raise_the_floor() -> None:
     posed = arms()
     assert (

@@ -77,6 +77,7 @@ def contradicted_early(seed, random):
     return max(growth) / found.witness.decay
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_brute_force_never_contradicts_a_certificate_with_jitter(seed):
     excess = contradicted_early(seed, random=2)
@@ -186,6 +187,7 @@ print([proves_messages(loop, Messages(p, 1), witness) for p in np.linspace(0.25,
 """
 
 
+@pytest.mark.slow
 def test_the_checker_decides_alike_with_other_kernels(tmp_path):
     import json
 

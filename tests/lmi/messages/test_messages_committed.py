@@ -24,6 +24,7 @@ def verdict(content, name="messages"):
     return certified(parse(content, "the design", ProblemTables.from_document)).verdicts[name].proved
 
 
+@pytest.mark.slow
 def test_the_arms_carry_losses_bursts_delays_and_jitter_together():
     """Each link loses up to half of its messages, and no more: the checker reads the file, nothing is searched."""
     content = json.loads(LOSSY.read_text(encoding="utf-8"))

@@ -92,6 +92,7 @@ def test_a_claim_that_is_better_than_its_witness_is_refused(made, path, value):
     assert not verdict(content).proved
 
 
+@pytest.mark.slow
 def test_rho_holds_for_the_noise_of_the_outputs_too():
     """x_d' = -2 g (x_d + 3 n) - phi: at rest with slope -1 the gain from n alone is 3 * 8 / 7 for g = 4."""
     text = TEXT.replace("MESSAGES", "messages = { loss = 0.2, delay = [0, 1] }").replace("GAIN", "4.0")
@@ -145,6 +146,7 @@ def test_a_file_that_says_nothing_of_messages_is_as_it_was():
     assert certify(found).ok
 
 
+@pytest.mark.slow
 def test_what_is_not_carried_is_refused_and_says_what_is():
     found = design(problem("messages = { delay = [0, 40] }", gain=4.0))
     said = found.document()["messages"]
@@ -179,6 +181,7 @@ def test_losses_by_chance_are_told_apart_from_those_in_a_row():
     assert Messages(0.0, 1, (0, 1), 0.1).text == "up to 1 lost in a row, up to 1 period late, a jitter of 0.1"
 
 
+@pytest.mark.slow
 def test_limits_stand_on_both_sides():
     found = message_limits(design(problem("", gain=4.0))).limits
     for one in found.values():

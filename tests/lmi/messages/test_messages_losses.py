@@ -91,6 +91,7 @@ def excess(net, ones, messages, rng, random):
     return worst / found.witness.decay
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3, 5])
 def test_no_probabilities_of_the_box_contradict_a_certificate(seed):
     """Each link its own, and one vector of them after the other."""

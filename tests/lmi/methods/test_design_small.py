@@ -66,6 +66,7 @@ def test_the_scalar_loop_reaches_its_optimum(order: int) -> None:
     assert 1 / 19 <= made.certificate.rho <= 1.003 / 19
 
 
+@pytest.mark.slow
 def test_the_largest_alpha_is_told_in_the_units_of_the_file() -> None:
     """rho = 1 / (2 d - alpha) at the gain limit d = 10, so 10 is the largest alpha for rho = 0.1; the search divides by 8."""
     design_table = 'order = 0\nstarts = 1\ngain_limit = 10.0\nobjective = "alpha"\nrho = 0.1'
@@ -91,6 +92,7 @@ def test_a_gain_limit_that_is_too_small_says_how_far_it_reaches() -> None:
     assert "gain_limit" in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_rho_out_of_reach_says_which_one_is_in_reach() -> None:
     with pytest.raises(Infeasible) as error:
         design(scalar('order = 0\nstarts = 1\ngain_limit = 10.0\nobjective = "alpha"\nrho = 0.05'), jobs=1)

@@ -38,6 +38,7 @@ def table(scripts) -> ModuleType:
     return scripts["designs_table"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
 def test_a_problem_is_valid_and_its_bound_is_proved(file):
     report = check_problem(load_problem(file))

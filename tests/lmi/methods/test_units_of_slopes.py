@@ -61,6 +61,7 @@ def test_the_same_jack_has_the_same_rho_in_mm_and_bar_as_in_SI():
     assert rho_of(SI) == pytest.approx(rho_of(MM_BAR), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_cascade_that_one_alpha_loses_is_certified(root):
     """Elowitz and Leibler's repressilator: with alpha alone no controllers of any order are certified."""
     text = (root / "benchmarks" / "designs" / "repressilators.toml").read_text(encoding="utf-8")

@@ -203,6 +203,7 @@ def check_random(seed: int) -> float | None:
     return float(found[0] / unclipped[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_no_random_loop_fails_to_converge(seed):
     check_random(seed)

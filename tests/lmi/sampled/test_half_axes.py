@@ -91,6 +91,7 @@ def jacks(mm: float, bar: float, lpm: float):
     )
 
 
+@pytest.mark.slow
 def test_a_radius_is_found_in_metres_and_pascals_as_in_millimetres_and_bars():
     """Beside what disturbs a pressure in Pa, what disturbs a speed in m/s is as small as rounding."""
     of_si, of_mm = (
@@ -102,6 +103,7 @@ def test_a_radius_is_found_in_metres_and_pascals_as_in_millimetres_and_bars():
     assert 1e3 * of_si == pytest.approx(of_mm, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_radius_does_not_depend_on_what_the_sizes_of_the_states_are_multiples_of(seed):
     """Metres beside which pascals are sizes of 1e8: the radius counts in the smallest of them, a gamma then is 1e12."""

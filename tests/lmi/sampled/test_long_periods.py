@@ -67,6 +67,7 @@ def test_the_checker_decides_long_periods(T):
     assert found.BB_d[0, 0].rel_accuracy_bits() > 100
 
 
+@pytest.mark.slow
 def test_a_fast_lag_beside_a_long_period_is_certified_in_any_unit_of_time():
     """Neither was certified where only rounding was left of the exponential."""
     for unit in (1.0, 1e-3):

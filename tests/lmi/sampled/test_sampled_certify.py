@@ -105,6 +105,7 @@ def test_a_witness_is_proved_again_and_a_spoiled_one_is_not():
     assert not certify_sampled(unstable, ones, witness=witness).certified
 
 
+@pytest.mark.slow
 def test_rounding_counts():
     """A controller of three bits is off by far more than the loop stands; one of float32 is not."""
     net, ones = oscillators()
@@ -113,6 +114,7 @@ def test_rounding_counts():
     assert not certify_sampled(net, coarse).certified
 
 
+@pytest.mark.slow
 def test_the_noise_bound_holds_in_a_simulation():
     """Messages off by at most e in the worst direction of the moment: the distance ends below what is claimed."""
     net, ones = oscillators()
@@ -135,6 +137,7 @@ def test_the_noise_bound_holds_in_a_simulation():
     assert np.sqrt(total / 2000) <= verdict.residual_rms_per_message_error * e
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0, 1])
 def test_noise_of_messages_is_bounded_tightly(delay):
     """The gain from nu at constant slopes exists, so no bound lies below it; a bound far above would say nothing."""
@@ -147,6 +150,7 @@ def test_noise_of_messages_is_bounded_tightly(delay):
     assert exists <= verdict.witness.ultimate <= 5 * exists
 
 
+@pytest.mark.slow
 def test_the_distance_from_consensus_is_the_same_in_the_paper_s_coordinates():
     """Rows of L with small weights: |T x| is then a part of the distance, and a bound of it none of the distance."""
     edges = [(i, j, 0.25) for i, j, _ in EDGES]
@@ -268,6 +272,7 @@ def test_where_the_edge_is_not_proved_a_shorter_period_is(monkeypatch):
     assert 0.3 * edge < max_period(net, lambda _period: ones).period < 0.5 * edge
 
 
+@pytest.mark.slow
 def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     """A disturbance held over each period, at a constant slope, has a gain that no rho can lie below."""
     net, ones = oscillators(period=0.01, alpha=0.2)
@@ -285,6 +290,7 @@ def test_rho_is_above_the_gain_of_the_frequency_response_and_near_it():
     assert not proves_rho(loop, Performance(np.eye(2), np.zeros((1, 1))), 0.9 * below, found.witness)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
     """R times scale^2 is z times scale, so rho times scale; the weights that prove it grow with R."""
@@ -295,6 +301,7 @@ def test_rho_needs_no_pair_weights_in_the_right_scale(scale):
     assert scaled is not None and scaled.rho == pytest.approx(scale * least, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rho_is_found_where_the_weights_at_hand_prove_nothing():
     """A millionth of what holds the nonlinearity: no rho goes with these, and others are looked for."""
     net, ones = oscillators(period=0.01, alpha=0.2)
@@ -326,6 +333,7 @@ LOOP = [[0.0, 1.0], [-2.0, -0.5]], [[0.0], [1.0]], [[1.0, 0.0]]
 """A, B and H of an agent that a proportional-derivative gain of its angle and its speed brings to agreement."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 2.0**-20, 2.0**33])
 @pytest.mark.parametrize("delay", [0, 1])
 def test_units_of_outputs_and_inputs_are_no_matter_of_rounding(unit, delay):
@@ -342,6 +350,7 @@ def test_units_of_outputs_and_inputs_are_no_matter_of_rounding(unit, delay):
     assert scaled.certified, scaled.reason
 
 
+@pytest.mark.slow
 def test_a_certificate_that_rounding_alone_takes_says_so():
     """Two sensors of one angle whose gains cancel but for -2: float32 rounds each by some 2^-23 of 2^20, which is 1/8."""
     A, B, H = LOOP
@@ -355,6 +364,7 @@ def test_a_certificate_that_rounding_alone_takes_says_so():
     assert "gain_limit" in verdict.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weight", "u", "xi"),
     [

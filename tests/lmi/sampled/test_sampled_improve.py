@@ -65,6 +65,7 @@ def test_a_design_for_the_period_has_a_smaller_rho_and_is_proved():
     assert np.linalg.norm(found.K, 2, axis=(1, 2)).max() <= GAIN_LIMIT
 
 
+@pytest.mark.slow
 def test_the_decay_that_is_asked_for_is_kept():
     """The start decays at 1 1/s; a descent that does not know it ends with a slow mode of a controller, at 0.11 1/s."""
     at = replace(pendulums(0.2), decay=0.5)

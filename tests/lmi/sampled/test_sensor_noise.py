@@ -29,6 +29,7 @@ def test_noise_of_a_pair_by_hand():
     assert noise_to_inputs(net, fast) is None, "d+ = -1.2 d"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", [0, 1])
 def test_noise_of_the_arms_in_a_run(root, output):
     """Within 15 %: the slowest pole, 0.24 1/s, leaves of 40 s some twenty independent parts of what is not white."""
@@ -67,6 +68,7 @@ def test_a_channel_with_noise(root):
         problem(-1.0)
 
 
+@pytest.mark.slow
 def test_the_seed_fixes_the_noise(root):
     design = lockstep.load(root / "generated" / "flexible_joint_arms")
     rest = {"initial": [[0.0] * 4] * 3, "horizon": 0.05, "channel": {"noise": 0.01}}

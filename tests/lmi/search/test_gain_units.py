@@ -141,6 +141,7 @@ def slider(unit: float, length: float, said: str) -> Problem:
     )
 
 
+@pytest.mark.slow
 def test_a_limit_in_units_is_the_limit_of_the_same_plant_in_these_units() -> None:
     """Powers of two: u in kN or so and p in mm or so. Each rho is rounded up, by 0.05 % to 0.2 % above the least one."""
     one = design(slider(1.0, 1.0, "gain_limit = 6.0"), jobs=1)

@@ -33,6 +33,7 @@ net, certificate, found = local_cases.net, local_cases.certificate, local_cases.
 """Fixtures."""
 
 
+@pytest.mark.slow
 def test_from_the_boundary_of_the_set_all_stay_and_agree(net, certificate, found):
     generator = np.random.default_rng(3)
     x, x_C = starts(net, certificate, found.level, generator, 200, widest=True)

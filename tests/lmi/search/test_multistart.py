@@ -71,6 +71,7 @@ def test_of_a_small_loop_all_that_are_asked_for_are_pursued(monkeypatch):
     assert len(of(done, "pursued")) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [0, 1])
 def test_a_start_with_a_state_more_is_no_worse_than_that_without(index: int) -> None:
     """A state beside them that nothing hears changes no rho: the descent begins next to what the order below came to."""

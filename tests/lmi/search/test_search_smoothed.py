@@ -107,6 +107,7 @@ def test_the_level_is_the_rho_that_the_inequality_has(
     assert norm.level(x, 0.98 * level, frequencies) > 1 > norm.level(x, 1.02 * level, frequencies)
 
 
+@pytest.mark.slow
 def test_without_multipliers_the_level_is_the_norm_that_python_control_computes() -> None:
     """A linear loop: the H-infinity norm from xi to (R^1/2 x_d, Q^1/2 x_C) of orthonormal coordinates."""
     import control

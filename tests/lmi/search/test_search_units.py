@@ -111,6 +111,7 @@ def least_start(hour: float) -> float:
     return min(search.units.rho * start.at.rho for start in found) / hour
 
 
+@pytest.mark.slow
 def test_controllers_that_forget_are_found_in_seconds_as_in_hours() -> None:
     """What each A_C has to have by itself counts in the unit of time of the loop: in seconds it had counted for nothing."""
     assert least_start(3600.0) < 1.5 * least_start(1.0)

@@ -289,6 +289,7 @@ def test_a_pair_that_a_small_part_of_itself_would_lose_is_a_note() -> None:
         assert ("a slip in a unit?" in told.figure) == (verdict == "note")
 
 
+@pytest.mark.slow
 def test_no_committed_problem_that_is_well_is_near_losing_a_mode() -> None:
     root = EXAMPLES.parent
     fields = (root / "codegen" / "lockstep" / "workflow" / "fields").glob("*.toml")

@@ -179,6 +179,7 @@ def both_finite(f: ca.SX, g: ca.SX, points: list[tuple[float, ...]]) -> list[tup
     return [(a, b) for a, b in pairs if math.isfinite(a) and math.isfinite(b)]
 
 
+@pytest.mark.slow
 @given(expressions(), st.lists(POINTS, min_size=5, max_size=5))
 @settings(SLOW_STARTS, max_examples=200)
 def test_the_text_gives_the_same_bits_and_the_same_text(f: ca.SX, points: list[tuple[float, ...]]) -> None:

@@ -57,6 +57,7 @@ def _places(tree: object, place: tuple = ()) -> list[tuple]:
 PLACES = _places(parse_problem(GIVEN + 3 * GAINS).document())
 
 
+@pytest.mark.slow
 @given(st.sampled_from(PLACES), _JSON)
 @settings(max_examples=250)
 def test_any_value_anywhere_is_a_problem_or_a_problem_error(place: tuple, value: object) -> None:

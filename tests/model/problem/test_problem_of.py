@@ -182,6 +182,7 @@ def test_any_file_can_be_written_again(text: str) -> None:
     assert max(map(len, problem.toml().splitlines())) < 126
 
 
+@pytest.mark.slow
 @given(
     # Every title that is legal: on one line, without characters that move or hide others.
     st.text(max_size=200).filter(lambda title: not hidden(title) and not set(title) & set("\t\r\n")),
