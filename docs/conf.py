@@ -25,11 +25,12 @@ nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "deflist"]  # no math: its fonts would be fetched by every reader
 myst_heading_anchors = 3
+smartquotes_action = "De"  # dashes and dots: the quote of a transpose stays as it is
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_preserve_defaults = True
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 default_role = "code"
@@ -64,7 +65,26 @@ def _docstring(
             lines[k] = head + "".join(parts)
 
 
+_COLON = "\ufdd0"
+"""Stands for a colon, in no text."""
+
+
+def _hidden_colon(
+    _app: object, what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
+    """Napoleon takes what is before the first colon of a property for its type: hide the colon from it."""
+    if what in ("property", "attribute", "data") and lines:
+        lines[0] = lines[0].replace(":", _COLON)
+
+
+def _shown_colon(
+    _app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
+    lines[:] = [line.replace(_COLON, ":") for line in lines]
+
+
 def setup(app: object) -> None:
     """Register what is done to pages and docstrings before they are parsed."""
     app.connect("source-read", _read)  # type: ignore[attr-defined]
-    app.connect("autodoc-process-docstring", _docstring, priority=900)  # type: ignore[attr-defined]
+    for priority, change in ((100, _hidden_colon), (800, _shown_colon), (900, _docstring)):
+        app.connect("autodoc-process-docstring", change, priority=priority)  # type: ignore[attr-defined]
