@@ -3,12 +3,13 @@
     python docs/make_architecture.py           writes docs/architecture.svg and the tables of docs/architecture.md
     python docs/make_architecture.py --check   exit status 1 where the page is not what the code gives
 
-A row is the first line of a module's docstring, an arrow an import, those within functions included. The page lists those
-of the picture in a comment, so that tests/test_docs.py holds both to the code, whatever draws them.
+A row is the first paragraph of a module's docstring, an arrow an import, those within functions included. The page lists
+those of the picture in a comment, so that tests/test_docs.py holds both to the code, whatever draws them.
 """
 
 import argparse
 import ast
+import itertools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,10 +44,10 @@ def modules_of(room: str) -> list[Path]:
     )
 
 
-def first_line(path: Path) -> str:
-    """Return the first line of a module's docstring, as Markdown within a table."""
-    said = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n")[0]
-    return said.replace("|", "\\|")
+def described(path: Path) -> str:
+    """Return the first paragraph of a module's docstring on one line, as Markdown within a table."""
+    said = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+    return " ".join(said.split()).replace("|", "\\|")
 
 
 def imports_of(path: Path) -> Iterator[str]:
@@ -69,17 +70,15 @@ def arrows() -> "nx.DiGraph[str]":
 
 
 def tables() -> str:
-    """Return a table for each folder of the package."""
+    """Return a table for each folder of the package, of a folder without modules what it holds."""
     parts = []
     for room in ROOMS:
-        for path in modules_of(room):
-            place = path.relative_to(ROOT / ROOMS[room] / "lockstep")
-            if path.stem == "__init__":
-                parts.append(
-                    f"\n### {place.parent.as_posix()}\n\n{first_line(path)}\n\n| module | |\n|---|---|"
-                )
-            else:
-                parts.append(f"| `{path.stem}` | {first_line(path)} |")
+        for folder, paths in itertools.groupby(modules_of(room), key=lambda path: path.parent):
+            place = folder.relative_to(ROOT / ROOMS[room] / "lockstep")
+            package, *modules = paths
+            parts.append(f"\n### {place.as_posix()}\n\n{described(package)}")
+            rows = [f"| `{path.stem}` | {described(path)} |" for path in modules]
+            parts += ["\n| module | |\n|---|---|", *rows] if rows else []
     return "\n".join(parts).strip()
 
 

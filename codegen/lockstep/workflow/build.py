@@ -105,7 +105,9 @@ def build(
         time_limit: seconds to search for gains, and as many for those of the period; then the best certified ones so far,
             which depend on the machine.
         progress: told what is being done and the part of it that is done.
-        remark, reuse, stop: see `lockstep.design`.
+        remark: told, before the search begins, what is to be noted of the problem; see `lockstep.design`.
+        reuse: take the design that was made before of the same problem; see `lockstep.design`.
+        stop: ends the search early; see `lockstep.design`.
 
     Raises:
         ProblemError: bad input, or a folder that cannot be written.

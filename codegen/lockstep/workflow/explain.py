@@ -54,7 +54,9 @@ class Explanation:
 
     Args:
         found: what the checker decided.
-        proved, assumed, open: what is proved, what that rests on, and what is not proved.
+        proved: what is proved.
+        assumed: what that rests on.
+        open: what is not proved.
     """
 
     found: DesignVerdict

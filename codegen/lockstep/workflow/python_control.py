@@ -102,7 +102,8 @@ class Analysis:
         """Return the loop of continuous agents and the controllers as they ship: norms and responses between samples.
 
         Args:
-            inputs, outputs: by name; by default xi_d and w_d, and x_d, v_d and u.
+            inputs: by name; by default xi_d and w_d.
+            outputs: by name; by default x_d, v_d and u.
         """
         return self.loop().hybrid(inputs or (), outputs or ())
 

@@ -76,9 +76,12 @@ class Digraph:
     def topology(cls, name: Topology, agents: int) -> Self:
         """Build a graph by name, every weight 1.
 
-        cycle: i listens to i + 1, the last to the first, as in (39). ring: both neighbours on a circle. path:
-            both neighbours on a line. complete: everyone. star: all others listen to agent 1. leader_path: i
-            listens to i - 1.
+        - `cycle`: i listens to i + 1, the last to the first, as in (39)
+        - `ring`: both neighbours on a circle
+        - `path`: both neighbours on a line
+        - `complete`: everyone
+        - `star`: all others listen to agent 1
+        - `leader_path`: i listens to i - 1
 
         >>> Digraph.topology("star", 3).roots
         (1,)

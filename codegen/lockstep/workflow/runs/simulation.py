@@ -27,7 +27,10 @@ class Simulation:
         trajectory: t, x, x_C, u, y, xi of all agents.
         measured: |z|, |xi_d|, and the rho they are held against.
         controllers: "continuous", "sampled", "compiled" or "off".
-        disturbance, seed, step, integrator: of the run.
+        disturbance: of the run, as it was asked for.
+        seed: of what is random in the run.
+        step: s, between the instants of the run.
+        integrator: "rk4" or "adaptive".
         on_change: its threshold and what is proved of it, None where every period is sent.
     """
 

@@ -50,7 +50,9 @@ class Agent:
         rhs: f(x, u, t), an SX column of n expressions.
         y: the q outputs, an SX column of expressions.
         t: the time, an SX symbol; needed if `rhs` mentions it.
-        states, inputs, outputs: names; by default those of the symbols, and y1, y2, ...
+        states: the names of the states; by default those of the symbols.
+        inputs: the names of the inputs, likewise.
+        outputs: the names of the outputs; by default y1, y2, ...
         domain: the box the bound is proved on, (lower, upper) by state, open-ended where not given. It need
             not contain 0: the incremental bound is about differences.
         units: unit by name of a state, input or output, for documents.

@@ -132,8 +132,9 @@ class Problem:
             graph: who listens to whom: a `Graph`, or a graph of networkx, that of a large one by its spectrum.
             B: the input matrix of each agent, as in `Network`; by default the agent's own for all.
             title: for people.
-            design, controller, simulation: the tables of these names, with the keys of a problem file; matrices
-                may be NumPy's.
+            design: the table of this name, with the keys of a problem file; matrices may be NumPy's.
+            controller: the table of this name, likewise.
+            simulation: the table of this name, likewise.
 
         Raises:
             ProblemError: an expression that the language of problem files cannot say, with the equation it is in,
