@@ -4,19 +4,17 @@ import math
 
 from lockstep.model.problem import Problem
 
-SIZE, RADIUS, NODE = 240, 85, 16
+RADIUS, NODE, MARGIN = 85, 16, 4
 
 
 def drawing(problem: Problem) -> str:
     """Return the graph as SVG: agents on a circle, an arrow from whom each listens to."""
-    graph, middle = problem.graph(), SIZE / 2
-    places = [
-        (
-            middle + RADIUS * math.sin(2 * math.pi * k / graph.N),
-            middle - RADIUS * math.cos(2 * math.pi * k / graph.N),
-        )
-        for k in range(graph.N)
-    ]
+    graph = problem.graph()
+    angles = [2 * math.pi * k / graph.N for k in range(graph.N)]
+    x, y = ([RADIUS * f(angle) for angle in angles] for f in (math.sin, lambda a: -math.cos(a)))
+    edge = NODE + MARGIN
+    width, height = (max(values) - min(values) + 2 * edge for values in (x, y))
+    places = [(a - min(x) + edge, b - min(y) + edge) for a, b in zip(x, y, strict=True)]
     lines = []
     for listener, source, _ in graph.edges:
         (x0, y0), (x1, y1) = places[source - 1], places[listener - 1]
@@ -27,11 +25,12 @@ def drawing(problem: Problem) -> str:
             '<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" marker-end="url(#tip)"/>'.format(*ends)
         )
     nodes = [
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{NODE}"/><text x="{x:.1f}" y="{y + 5:.1f}">{k}</text>'
-        for k, (x, y) in enumerate(places, start=1)
+        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{NODE}"/><text x="{a:.1f}" y="{b + 5:.1f}">{k}</text>'
+        for k, (a, b) in enumerate(places, start=1)
     ]
+    size = f'width="{width:.0f}" height="{height:.0f}"'
     body = "\n".join([*lines, *nodes])
-    return f"""<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}">
+    return f"""<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">
 <defs><marker id="tip" markerWidth="7" markerHeight="7" refX="0" refY="3" orient="auto">
 <path d="M0,0 L7,3 L0,6 z" fill="#3b6ea5"/></marker></defs>
 <g stroke="#3b6ea5" stroke-width="2" fill="#ffffff" font-family="sans-serif" font-size="14" text-anchor="middle">

@@ -12,8 +12,13 @@ from lockstep.workflow.init import fields, init
 AT_LIMIT = 0.95
 """Gains of a norm above this part of their limit are said to be at it."""
 
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between a value and its unit."""
+
 SMALL = 1e-3
 """A distance from agreement below this part of the first one is shown as that."""
+
+SCALED = " Nothing here has a unit; the `s` of pictures and commands is the model's scaled unit of time."
 
 MOVING = {
     "arms": "The links swing on their joints; the dot on each hub is the motor's angle.",
@@ -79,7 +84,7 @@ def page(field: str) -> str:
 
 ## The agent
 
-States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.
+States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.{"" if agent.units else SCALED}
 
 ```text
 {formulas}
@@ -113,8 +118,23 @@ lockstep build {field}.toml -o {field}
 
 def _of_design(field: str, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
     if design is None:
-        return "No design of it is committed: `lockstep design` searches for one, and what it proves is not shown here.\n"
+        given = parts(field)[0].design.method == "given"
+        searched = "a certificate of the gains in its file" if given else "one"
+        return f"No design of it is committed: `lockstep design` searches for {searched}. What it proves is not shown here.\n"
     return "\n".join((_run(field, design, measured), _proved(design), _ships(design, measured)))
+
+
+def _unit(problem: Problem, unit: str) -> str:
+    """Return a unit of time behind a value, nothing where the model has no units."""
+    return f"{SPACE}{unit}" if problem.agent().units else ""
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.2g}{SPACE}%"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _row(field: str, problem: Problem, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
@@ -124,15 +144,16 @@ def _row(field: str, problem: Problem, design: lockstep.Design | None, measured:
         problem.graph().N,
         problem.agent().n,
         problem.order,
-        "not designed here" if design is None else f"{design.rho:.4g}",
-        f"{problem.controller.period:g}\N{NO-BREAK SPACE}s",
-        "-" if design is None else f"{measured['costs']['flash']}\N{NO-BREAK SPACE}B",
+        "not shown here" if design is None else f"{design.rho:.4g}",
+        f"{problem.controller.period:g}{_unit(problem, 's')}",
+        "-" if design is None else f"{measured['costs']['flash']}{SPACE}B",
     )
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
-    run, horizon = measured["run"], design.problem.simulation.horizon
+    run, problem = measured["run"], design.problem
+    after = f"{problem.simulation.horizon:g}{_unit(problem, 's') or ' units of time'}"
     first, most, last = run["disagreement"]
     ended = f"{last:.2g}" if last > SMALL * first else "less than a thousandth of that"
     swing = f", after at most {most:.3g} on the way" if most > 1.05 * first else ""
@@ -147,7 +168,7 @@ def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
     return f"""## The run
 
 The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from
-agreement is {first:.3g} at first and {ended} after {horizon:g} s{swing}; the largest input is {run["input"]:.3g}. {held}
+agreement is {first:.3g} at first and {ended} after {after}{swing}; the largest input is {run["input"]:.3g}. {held}
 
 ![states of all agents against time]({field}-states.png)
 
@@ -171,7 +192,9 @@ def _proved(design: lockstep.Design) -> str:
         )
     rows.append(("alpha", f"{design.alpha:.4g}", "the largest slope of the nonlinearity, proved"))
     if claims.decay is not None:
-        rows.append(("decay", f"{claims.decay:.3g} 1/s", "of every disagreement, undisturbed"))
+        rows.append(
+            ("decay", f"{claims.decay:.3g}{_unit(problem, '1/s')}", "of every disagreement, undisturbed")
+        )
     rows.append(
         (
             "sampled rho",
@@ -182,7 +205,11 @@ def _proved(design: lockstep.Design) -> str:
     longest = sampled.get("max_period")
     if longest:
         rows.append(
-            ("longest period", f"{longest:.3g} s", "at which the same gains, sampled anew, still agree")
+            (
+                "longest period",
+                f"{longest:.3g}{_unit(problem, 's')}",
+                "at which the same gains, sampled anew, still agree",
+            )
         )
     if problem.order:
         stable = "yes" if claims.controllers_stable else "not claimed"
@@ -220,7 +247,7 @@ def _gains(design: lockstep.Design) -> str:
     won = (
         ""
         if floor is None
-        else f" Without any limit rho could be {100 * (1 - floor / design.rho):.2g} % smaller at the very most: its floor."
+        else f" Without any limit rho could be {_percent(1 - floor / design.rho)} smaller at the very most: its floor."
     )
     return (
         f"{size}, {chosen}{raised}: it binds, and on purpose. Larger gains lower rho, and pay with inputs and noise that rho"
@@ -231,17 +258,18 @@ def _gains(design: lockstep.Design) -> str:
 def _ships(design: lockstep.Design, measured: dict[str, Any]) -> str:
     table, costs, steps = design.problem.controller, measured["costs"], measured["instructions"]
     late = ", the output one period after the reading" if table.delay else ""
+    operations = " and ".join(_count(costs[f"{what}s"], what) for what in ("multiplication", "addition"))
     per_step = f"{steps[0]}" if steps[0] == steps[1] else f"{steps[0]} to {steps[1]}"
     return f"""## What ships
 
 | the most of any controller | |
 |---|---|
 | order | {design.problem.order} |
-| period | {table.period:g} s{late} |
-| arithmetic | `{table.real}`, {costs["multiplications"]} multiplications and {costs["additions"]} additions in a step |
-| RAM | {costs["ram"]} bytes |
-| stack | at most {costs["stack"]} bytes on a {NAME} |
-| flash | at most {costs["flash"]} bytes on a {NAME} |
+| period | {table.period:g}{_unit(design.problem, "s")}{late} |
+| arithmetic | `{table.real}`, {operations} in a step |
+| RAM | {costs["ram"]}{SPACE}bytes |
+| stack | at most {costs["stack"]}{SPACE}bytes on a {NAME} |
+| flash | at most {costs["flash"]}{SPACE}bytes on a {NAME} |
 | a step | {per_step} instructions on an emulated {NAME}, by compiler and level; other versions differ by some |
 
 The C gave the same bits as its reference on this machine and on that core.
