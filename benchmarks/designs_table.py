@@ -17,8 +17,8 @@ EXAMPLES = ("carts", "flexible_joint_arms", "fragile_arms", "slow_arms")
 """Problems of examples/ that are measured too; they are robotics, and feasible."""
 
 HEAD = (
-    "problem", "certified", "sampled", "rho: best", "median", "worst", "floor", "median / floor",
-    "sampled rho: best", "worst", "processor, s", "field", "agents", "order",
+    "problem", "certified", "sampled", "median / floor", "processor, s", "rho: best", "median", "worst", "floor",
+    "sampled rho: best", "worst", "field", "agents", "order",
 )  # fmt: skip
 
 MOST_SPREAD, MOST_OVER_FLOOR, SHARE = 1.05, 1.5, 0.9
@@ -134,11 +134,12 @@ def cells(row: Row) -> Iterator[str]:
     yield row.case.name
     yield "none exist" if row.case.infeasible and not row.certified else f"{row.certified} of {runs}"
     yield f"{row.sampled} of {runs}"
+    over_floor, floor = (f"{x:.3g}" if math.isfinite(x) else "-" for x in (row.over_floor, row.floor))
+    yield from (over_floor, f"{statistics.median(run.seconds for run in row.runs):.0f}")
     rhos, sampled = ([x for x in values if math.isfinite(x)] for values in (row.rhos, row.sampled_rhos))
     yield from (f"{x:.4g}" for x in (rhos[0], statistics.median(rhos), rhos[-1])) if rhos else "---"
-    yield from (f"{x:.3g}" if math.isfinite(x) else "-" for x in (row.floor, row.over_floor))
+    yield floor
     yield from (f"{x:.4g}" for x in (sampled[0], sampled[-1])) if sampled else "--"
-    yield f"{statistics.median(run.seconds for run in row.runs):.0f}"
     yield from (row.case.field, str(problem.graph().agents), str(problem.order))
 
 
