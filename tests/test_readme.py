@@ -49,6 +49,8 @@ def test_ci_finds_its_two_commands(root):
     commands = re.findall(r"```sh\n(.*?)\n```", (root / "README.md").read_text(), flags=re.DOTALL)
     assert "lockstep build" in commands[0]
     assert "pytest" in commands[1]
+    installed = re.findall(r"```sh\n(.*?)\n```", (root / "docs" / "install.md").read_text(), flags=re.DOTALL)
+    assert installed == commands[:1], "the site shows the README's first command"
 
 
 SAME_DESIGN = 0.02
