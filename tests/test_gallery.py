@@ -118,6 +118,25 @@ def test_five_notebooks_are_of_fields_and_linked():
     assert all(f"({field}.ipynb)" in index for field in found)
 
 
+def posed_in(notebook: dict) -> str:
+    """The problem file in the first cell of code."""
+    first = next("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code")
+    return first.split('"""')[1].strip()
+
+
+def posed_by(field: str) -> str:
+    """A field's file from its title on."""
+    text = init(field).text
+    return text[text.index("title = ") :].strip()
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_poses_the_problem_of_its_field(path):
+    shown = posed_in(json.loads(path.read_text(encoding="utf-8")))
+    assert shown == posed_by(path.stem)
+    assert shown != posed_by("rooms")
+
+
 def printed(notebook) -> list[str]:
     """What each cell prints; pictures, tables of HTML, standard error, and the digits that a search ends with, aside."""
     said = [

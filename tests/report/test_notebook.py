@@ -15,6 +15,9 @@ from lockstep.model.checks import check_problem
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "analysis.md").read_text(encoding="utf-8")
 
+WHITE = (1.0, 1.0, 1.0, 1.0)
+"""Behind a figure: its dark letters have to be read in a dark notebook too."""
+
 
 @pytest.fixture(scope="module")
 def arms() -> lockstep.Design:
@@ -31,11 +34,14 @@ def test_a_design_is_drawn(arms, what):
     figure = arms.plot(what)
     assert isinstance(figure, Figure)
     assert figure.axes
+    assert figure.get_facecolor() == WHITE
 
 
 @pytest.mark.parametrize("what", ["states", "disagreement", "effort", "phase"])
 def test_a_run_is_drawn(run, what):
-    assert isinstance(run.plot(what), Figure)
+    figure = run.plot(what)
+    assert isinstance(figure, Figure)
+    assert figure.get_facecolor() == WHITE
 
 
 def test_the_poles_that_are_drawn_are_the_loop_s(arms):

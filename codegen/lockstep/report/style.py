@@ -76,7 +76,7 @@ _SETTINGS: Mapping[str, Any] = {
     "axes.spines.right": False,
     "axes.titlelocation": "left",
     "axes.unicode_minus": True,
-    "figure.facecolor": "none",
+    "figure.facecolor": "white",
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
     "legend.frameon": False,
