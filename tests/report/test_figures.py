@@ -39,6 +39,14 @@ def test_states_are_drawn_one_panel_per_state_and_one_line_per_agent():
             np.testing.assert_array_equal(drawn.get_ydata(), trajectory.x[:, i, k])
 
 
+def test_a_signal_that_has_no_unit_is_named_alone():
+    (one,) = states_figure(run(n=1), units={"s0": "1"}).axes
+    assert one.get_title(loc="left") == "s0"
+    (large,) = states_figure(run(n=1, x=1e6 * run(n=1).x), units={"s0": "1"}).axes
+    assert large.get_title(loc="left").startswith("s0 in 10")
+    assert not large.get_title(loc="left").endswith(" 1")
+
+
 def test_chosen_states_only():
     assert len(states_figure(run(), ["s1"]).axes) == 1
 

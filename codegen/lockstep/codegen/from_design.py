@@ -76,7 +76,8 @@ def specification(stored: Stored, options: CodeOptions = BY_DEFAULT) -> CodegenS
     demand(not one_image or problem.offsets is None, found, "[network] offsets, --one-image", expected)
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     demand(name.endswith(NAMED) or not name, f"`{name}`", "folder", f"a name that ends in {NAMED}")
-    base, units, gains = f"{options.prefix}{agent.name}", agent.units, stored.gains
+    base, gains = f"{options.prefix}{agent.name}", stored.gains
+    units = {name: unit for name, unit in agent.units.items() if unit != "1"}
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
     sources: list[list[tuple[int, float]]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
@@ -249,11 +250,10 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     """Return from where no input meets its limit, and from where the clipped loop converges, as far as it is claimed."""
     claims, problem = stored.claims.sampled, stored.problem
     agent = problem.agent()
-    names = zip(agent.inputs, problem.limits, strict=True)
     units = {name: unit for name, unit in agent.units.items() if unit != "1"}
     sides = ", ".join(
         f"|{name}| < {limit:g} {units.get(name, '')}".rstrip()
-        for name, limit in names
+        for name, limit in zip(agent.inputs, problem.limits, strict=True)
         if math.isfinite(limit)
     )
     timely = ", every message in time" if problem.messages is not None else ""

@@ -126,7 +126,7 @@ def _run(facts: Facts) -> dict[str, Any] | None:
         "disturbance": _disturbance(facts),
         "whole": run.t[-1] >= facts.problem.simulation.horizon * (1 - 1e-9),
         "apart": ", ".join(
-            f"{name} from {a:.3g} to {b:.3g} {units.get(name, '')}".rstrip()
+            f"{name} from {a:.3g} to {b:.3g} {units.get(name, '')}".removesuffix(" 1").rstrip()
             for name, a, b in zip(run.state_names, apart[0], apart[-1], strict=True)
         ),
         "rows": [

@@ -57,7 +57,9 @@ def test_a_leader_is_moved_by_none(root):
 def test_method_modal_is_named_where_it_takes_the_graph(topology, undirected):
     """A design on a cycle was told of `method = "modal"`, which then refused its graph."""
     text = OWN.format(topology=topology)
-    said = specification(lockstep.design(lockstep.Problem.parse(text)).stored).certificate
+    found = specification(lockstep.design(lockstep.Problem.parse(text)).stored)
+    assert found.agents[0].inputs[0].unit == "", "1 is no unit to be read in a header"
+    said = found.certificate
     assert said["where"] == WHERE + MOVED + EQUAL * undirected
     assert "|u| < 1 for ever" in said["limits"], "the unit 1 is none"
     modal = "\n".join(line for line in text.splitlines() if "gains" not in line).replace('"given"', '"modal"')
