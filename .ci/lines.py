@@ -124,7 +124,7 @@ LATER = {
         450,
     ),
     "lmi/robustness": (["lmi/lockstep/lmi/robustness"], 600),
-    "modes that no controller moves": (["lmi/lockstep/lmi/analysis/lost_modes.py"], 50),
+    "modes that no controller moves": (["model/lockstep/model/checks/lost_modes.py"], 70),
     "lmi/external_lmi": (["lmi/lockstep/lmi/external_lmi"], 500),
     "codegen/exports, and what runs them": (
         [

@@ -17,7 +17,6 @@ from lockstep.check.errors import Infeasible, NotCertified, demand
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
-from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.open_loop import rho_alone
@@ -26,6 +25,7 @@ from lockstep.lmi.proposal import Posed, Proposal, given_gains
 from lockstep.lmi.search.stopping import NothingYet
 from lockstep.lmi.specification.attempts import Attempt, Progress
 from lockstep.lmi.specification.defaults import MUCH, VERY_FAR
+from lockstep.model.checks.lost_modes import slowest_lost_mode
 from lockstep.model.control.static_response import static_response
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -58,7 +58,7 @@ def certified(posed: Posed, attempt: Attempt) -> Proposal:
     figures = found.figures | _figures(problem, network, found.gains) | {"rho_alone": alone}
     if alone is not None and not eliminates_P(network.loop(0)):
         fast = stop.optional(lambda: decay_alone(network, found.claim), otherwise=None)
-        lost = slowest_lost_mode(network, found.claim)
+        lost = slowest_lost_mode(network, found.claim.alpha, found.claim.entries)
         figures |= {"decay_alone": fast, "lost_mode": lost.said if lost and lost.holds_back(fast) else None}
     own = posed._replace(claim=found.claim)
     gains, proved = found.gains, found.certificate

@@ -43,8 +43,7 @@ def at_point(name: str, x: float) -> tuple[float, float]:
     (1.0, 1.0)
     """
     with flint.ctx.workprec(BITS):
-        value = _AT[name](flint.arb(x))
-        return _around(value)
+        return _around(_AT[name](flint.arb(x)))
 
 
 def _around(value: flint.arb) -> tuple[float, float]:

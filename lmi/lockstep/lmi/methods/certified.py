@@ -16,7 +16,6 @@ from lockstep.lmi.analysis.fundamental_limits import (
     largest_alpha_of_any_controller,
     static_gains_cannot_stabilise,
 )
-from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
 from lockstep.lmi.diagnosis.active_constraint import hint, hint_of_stability
@@ -33,6 +32,7 @@ from lockstep.lmi.search.search_time import estimated_time
 from lockstep.lmi.search.stopping import Deadline, NothingYet, Stop
 from lockstep.lmi.shapes import GainLimit
 from lockstep.model.assembly import exact_network
+from lockstep.model.checks.lost_modes import ADVICE, slowest_lost_mode
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -355,13 +355,13 @@ def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> N
             alpha=claim.alpha,
             reachable_alpha=most,
         )
-    decay = problem.design.decay or problem.design.search_decay
-    if decay and (lost := slowest_lost_mode(network, claim)) and lost.decay <= decay:
-        said = f"no controllers of any order can certify a [design] decay of {decay:g} 1/s: {lost.said} (computed)"
-        remedy = (
-            "ask for less, or name an [agent.domain] that leaves out such slopes, or measure or actuate more"
-        )
-        raise Infeasible(f"{said}; {remedy}", decay=lost.decay)
+    decay = problem.design.decay or problem.design.search_decay or 0.0
+    lost = slowest_lost_mode(network, claim.alpha, claim.entries)
+    if lost and lost.decay <= decay and (decay or problem.design.objective != "alpha"):
+        what = f"a [design] decay of {decay:g} 1/s" if decay else "that agents agree"
+        less = "ask for less, or " * bool(decay) + ADVICE
+        said = f"no controllers of any order can certify {what}: {lost.said} (computed); {less}"
+        raise Infeasible(said, decay=lost.decay)
 
 
 def _out_of_time(time_limit: float, claim: Claim, found: SearchResult) -> OutOfTime:

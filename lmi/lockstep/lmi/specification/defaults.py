@@ -36,9 +36,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Claim
-from lockstep.lmi.analysis.lost_modes import slowest_lost_mode
 from lockstep.lmi.shapes import Vector
 from lockstep.model.checks.actuators import outputs_apart, time_to_move
+from lockstep.model.checks.lost_modes import slowest_lost_mode
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.loop_transformation.natural_units import natural_units
 from lockstep.model.network import Network
@@ -245,7 +245,7 @@ def _asked(
     noise = [_short(NOISE * disturbance / scale) for scale in S_y]
     names = [name for name, _ in problem.file.agent.outputs]
     late = problem.controller.period * (1 + problem.controller.delay)
-    lost = slowest_lost_mode(network, claim)
+    lost = slowest_lost_mode(network, claim.alpha, claim.entries)
     most = min(DECAY_PER_PERIOD / late, max(KEPT * lost.decay, 0.0) if lost else np.inf)
     said: dict[str, Any] = {
         "weights": WeightsTable(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 from lockstep.model.assembly import Report, bound_of, network_of
 from lockstep.model.bound_search import BOXES
-from lockstep.model.checks import actuators, linear_part, nonlinearity, plausibility
+from lockstep.model.checks import actuators, linear_part, lost_modes, nonlinearity, plausibility
 from lockstep.model.checks.proved.all_checks import prove
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.proved.interval_algebra.definite import BOXES as PROVING_BOXES
@@ -58,6 +58,7 @@ def check_problem(
     controllable, inputs = linear_part.controllable(agent, agents_B)
     observable, outputs = linear_part.observable(agent)
     zeros, right = linear_part.zeros(agent, agents_B)
+    network = network_of(problem, bound)
     rows = (
         nonlinearity.bound(agent, bound),
         *([nonlinearity.entries(agent, bound)] if bound.entries else []),
@@ -69,6 +70,7 @@ def check_problem(
         linear_part.row_sums(graph),
         controllable,
         observable,
+        *lost_modes.check(problem, network, bound),
         zeros,
         linear_part.directions(agent),
         *plausibility.unstable_alone(problem),
@@ -79,7 +81,7 @@ def check_problem(
     return CheckReport(
         rows=rows,
         bound=bound,
-        plant=network_of(problem, bound).plant,
+        plant=network.plant,
         roots=graph.roots,
         controllable=inputs.controllable,
         stabilisable=inputs.stabilisable,

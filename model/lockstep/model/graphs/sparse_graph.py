@@ -194,5 +194,4 @@ def _edge_list(content: bytes, where: str) -> SparseGraph:
             not wrong, f"line {number}: `{shorten(line)}`", where, "listener,source[,weight], agents from 1"
         )
     demand(bool(rows), "it names no edge", where, "lines listener,source[,weight]")
-    agents = 1 + max(max(i, j) for i, j, _ in rows)
-    return SparseGraph._of_rows(agents, rows, where)
+    return SparseGraph._of_rows(1 + max(max(i, j) for i, j, _ in rows), rows, where)

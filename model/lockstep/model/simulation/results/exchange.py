@@ -53,5 +53,4 @@ def to_pandas(trajectory: Trajectory) -> Any:
             remedy='install it: pip install "lockstep-control[notebook]"',
         ) from None
     found = columns(trajectory)
-    t = found.pop("t")
-    return pandas.DataFrame(found, index=pandas.Index(t, name="t"))
+    return pandas.DataFrame(found, index=pandas.Index(found.pop("t"), name="t"))

@@ -4,10 +4,12 @@ import pytest
 from lmi_cases import first_wishes, problem
 
 from lockstep.check.errors import Infeasible
-from lockstep.lmi.analysis.lost_modes import LostMode, slowest_lost_mode
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.model.assembly import network_of
+from lockstep.model.checks import check_problem
+from lockstep.model.checks.lost_modes import LostMode, slowest_lost_mode
+from lockstep.model.checks.report import CheckRow
 from lockstep.model.problem import Problem
 
 
@@ -26,7 +28,9 @@ def heated(
 
 def lost(posed: Problem) -> tuple[float, str] | None:
     bound = proved_bound(posed)
-    return slowest_lost_mode(network_of(posed, bound), claim_of(posed, bound))
+    claim = claim_of(posed, bound)
+    found = slowest_lost_mode(network_of(posed, bound), claim.alpha, claim.entries)
+    return found and (found.decay, found.said)
 
 
 def test_a_flat_nonlinearity_hides_what_only_it_shows() -> None:
@@ -112,6 +116,64 @@ def test_a_decay_beyond_is_refused_before_any_search_and_one_below_is_certified(
     found = design(heated("decay = 0.2\ngain_limit = 10.0"), jobs=1)
     assert found.guarantees.decay is not None
     assert 0.2 <= found.guarantees.decay[0] <= 0.25
+
+
+def rotating(domain: float) -> Problem:
+    """x' = sin w - x, w' = u: where cos w = 0 the output x shows nothing of w, which does not decay by itself."""
+    return problem(
+        dynamics={"x": "sin(w) - x", "w": "u"},
+        outputs={"y": "x"},
+        network='agents = 3\ntopology = "leader_path"',
+        design="order = 1\nstarts = 1",
+        agent=f"domain = {{ w = [-{domain}, {domain}] }}",
+    )
+
+
+def lagging() -> Problem:
+    """w' = u - 50 w is hidden where tanh w is flat, and x, which the output shows, decays at 1 1/s by itself."""
+    return problem(
+        dynamics={"x": "tanh(w) + u - x", "w": "u - 50*w"},
+        outputs={"y": "x"},
+        network='agents = 2\ntopology = "path"',
+        design="order = 1\nstarts = 1",
+    )
+
+
+def row_of(posed: Problem) -> CheckRow | None:
+    return next((row for row in check_problem(posed).rows if row.name == "modes out of reach"), None)
+
+
+def test_a_mode_that_does_not_decay_and_is_hidden_is_refused_at_once() -> None:
+    """cos w is from cos 2 = -0.42 to 1 on [-2, 2], and from cos 1.5 = 0.07 on [-1.5, 1.5], where nothing is hidden."""
+    with pytest.raises(
+        Infeasible, match=r"can certify that agents agree: where phi1 has the slope 0 "
+    ) as error:
+        design(
+            rotating(2.0),
+            jobs=1,
+            progress=lambda what, _part: None if "searching" not in what else pytest.fail(what),
+        )
+    assert error.value.figures["decay"] == pytest.approx(0.0, abs=1e-12)
+    assert lost(rotating(1.5)) is None
+
+
+def test_check_says_it_first() -> None:
+    """Of an integrator that nothing shows no agreement is certified; of the slowest mode no faster one; nothing of others."""
+    fails = row_of(rotating(2.0))
+    assert fails is not None
+    assert fails.verdict == "fails"
+    assert "no output shows the mode at 0 1/s: no agreement is certified" in fails.figure
+    assert row_of(rotating(1.5)) is None
+    note = row_of(heated())
+    assert note is not None
+    assert note.verdict == "note"
+    assert note.figure.endswith("the mode at -0.25 1/s: no decay beyond 0.25 1/s is certified")
+    beyond = row_of(heated("decay = 0.3"))
+    assert beyond is not None
+    assert beyond.verdict == "fails"
+    assert row_of(heated("alpha = 2.0")) is not None, "any phi of this alpha may be flat"
+    # A lag that is hidden and faster than what is left holds nothing back.
+    assert row_of(lagging()) is None
 
 
 def test_the_decay_that_is_searched_for_by_default_is_one_that_can_be_had() -> None:
