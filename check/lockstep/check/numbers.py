@@ -114,8 +114,7 @@ def product(first: Matrix, second: Matrix) -> Matrix:
     """
     if not (is_exact(first) and is_exact(second)) or 0 in (*first.shape, *second.shape):
         return first @ second if first.shape[1] else zeros(len(first), second.shape[1], first)
-    found = fmpq_mat(first.tolist()) * fmpq_mat(second.tolist())
-    return np.array(found.tolist(), dtype=object)
+    return np.array((fmpq_mat(first.tolist()) * fmpq_mat(second.tolist())).tolist(), dtype=object)
 
 
 def zeros(rows: int, columns: int, like: Matrix) -> Matrix:

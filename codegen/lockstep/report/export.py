@@ -46,8 +46,7 @@ def inline_svg(figure: "Figure", name: str, description: str) -> Markup:
     root.set("class", "drawing")
     ElementTree.register_namespace("", SVG)
     ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
-    text = ElementTree.tostring(root, encoding="unicode")
-    return Markup(re.sub(r">\s+<", "><", text))
+    return Markup(re.sub(r">\s+<", "><", ElementTree.tostring(root, encoding="unicode")))
 
 
 def png(figure: "Figure", name: str) -> bytes:

@@ -308,6 +308,37 @@ def test_given_gains_without_a_certificate_say_how_much_they_carry() -> None:
         design(wrong)
 
 
+def cushions(h: float, p: float, weighed: str) -> Problem:
+    """Two air cushions of 500 kg on 1.5 m^2, p around 3270 Pa, counted in units of h metres and p pascals."""
+    flow = f"3*(0.008 + {h}*h)*sqrt(2*(3270 + {p}*p)/1.2)"
+    gains = f"A = [[-100.0]]\nB = [[100.0, 0.0]]\nC = [[{75 * h}]]\nD = [[{-75 * h}, 0.0]]"
+    return problem(
+        dynamics={
+            "h": "v",
+            "v": f"(1.5*{p / h}*p - 200*v)/500",
+            "p": f"{472850 / p}*(1.7718 - 2e-4*{p}*p + q - {flow} - 1.5*{h}*v)",
+        },
+        outputs={"gap": "h", "pressure": "p"},
+        inputs=("q",),
+        network=PATH_2,
+        design=f'method = "given"\norder = 1\n{weighed}\n' + f"[[design.gains]]\n{gains}\n" * 2,
+        agent=f"domain = {{ h = [{-0.003 / h}, {0.003 / h}], p = [{-1000 / p}, {1000 / p}] }}",
+    )
+
+
+def test_how_much_is_carried_is_the_same_in_metres_and_pascals() -> None:
+    """With the weights that the defaults have in these units 0 was said to be, of gains that carry two fifths."""
+    states = "states = { h = 1.0, v = 20.0, p = 1e5 }, outputs = { gap = 4e-4, pressure = 50.0 }"
+    weighed = f"weights = {{ state = [1.0, 0.003, 5e-11], input = 2e-6 }}\ndisturbances = {{ {states} }}"
+    with pytest.raises(NotCertified, match="of it is carried") as millimetres:
+        design(cushions(1e-3, 1e3, ""))
+    with pytest.raises(NotCertified, match="of it is carried") as metres:
+        design(cushions(1.0, 1.0, weighed))
+    part = millimetres.value.figures["fraction"]
+    assert 0.1 < part < 0.9
+    assert metres.value.figures["fraction"] == pytest.approx(part, rel=0.05), "two bisections, to 1 %"
+
+
 def test_an_agent_that_hears_nobody_needs_a_controller_that_is_stable_alone() -> None:
     """A leader's controller is no part of any feedback: with A = 1 its state grows, whatever sign the others' u has."""
     leader = "[[design.gains]]\nA = [[1.0]]\nB = [[0.0]]\nC = [[0.0]]\nD = [[0.0]]\n"

@@ -160,8 +160,7 @@ class SmoothedNorm:
 
     def frequencies(self, x: Vector) -> Float[np.ndarray, " f"]:
         """Return frequencies at which the response of x is looked at: over the range of its poles, and about each."""
-        poles = np.linalg.eigvals(self.loop.A_cl(self.unpack(x)[0]))
-        found = frequencies_of(poles, GRID)
+        found = frequencies_of(np.linalg.eigvals(self.loop.A_cl(self.unpack(x)[0])), GRID)
         return thinned(found) if self.thins else found
 
     def value(

@@ -117,8 +117,7 @@ class Adaptive:
             since = t[k : k + 1]
 
             def slope(time: float, state: np.ndarray, since: np.ndarray = since) -> np.ndarray:
-                p = parameters(np.array([time]), since)[0]
-                return np.asarray(self.f(state, time, p)).ravel()
+                return np.asarray(self.f(state, time, parameters(np.array([time]), since)[0])).ravel()
 
             with np.errstate(all="ignore"):
                 done = solve_ivp(
