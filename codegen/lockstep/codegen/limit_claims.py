@@ -31,7 +31,7 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
 
     radius of disagreements from which no input meets its limit;  gain, the root of the energy of a disturbance under which
     none does;  clipped, radius of disagreements from which the clipped loop comes to agree;  half-axes, where they add to a
-    radius.
+    radius. No radius is claimed beyond what agents in their domain can be apart.
 
     Args:
         made: with what is proved of its sampled controllers.
@@ -48,6 +48,7 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     plain, noisy = sampled_loop(network, controllers), sampled_loop(network, controllers, weights.outputs)
     guess = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
     claims, proofs, sizes = (stated or made).claims.sampled, (stated or made).proofs, _sizes(weights)
+    most = _most_apart(made)
     calm = _known(claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, r))
     calm = calm or _of_ball(plain, limits, largest_radius(network, controllers, limits, guess, sizes))
     gain = None
@@ -62,11 +63,13 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
         clipped = _of_ball(plain, limits, largest_clipped_radius(network, controllers, limits, sized, sizes))
     found = replace(
         made.claims.sampled,
-        radius=calm and calm[0],
+        radius=calm and min(calm[0], most),
         limits_gain=gain and gain[0],
-        clipped_radius=clipped and clipped[0],
-        half_axes=calm and half_axes(plain, calm[1], limits, calm[0], away),
-        clipped_half_axes=clipped and half_axes(plain, clipped[1], limits, clipped[0], away),
+        clipped_radius=clipped and min(clipped[0], most),
+        half_axes=half_axes(plain, calm[1], limits, calm[0], away) if calm and calm[0] < most else None,
+        clipped_half_axes=half_axes(plain, clipped[1], limits, clipped[0], away)
+        if clipped and clipped[0] < most
+        else None,
     )
     kept = replace(
         made.proofs,
@@ -75,6 +78,17 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
         clipped=clipped and clipped[1],
     )
     return replace(made, claims=replace(made.claims, sampled=found), proofs=kept)
+
+
+def _most_apart(made: Stored) -> float:
+    """Return a |x_d(0)| that no agents in their domain exceed, infinite where the certificate is of all states.
+
+    sum_i |x_i - mean|^2 <= N/4 |w|^2 for states in ranges of widths w: half of the agents at either end.
+    """
+    if made.claims.scope == "global":
+        return np.inf
+    low, high = made.problem.agent().box.T
+    return float(f"{np.sqrt(made.problem.sizes.N) / 2 * np.linalg.norm(high - low):.4g}")
 
 
 def _of_ball(loop: SampledLoop, limits: Vector, found: tuple[float, T] | None) -> tuple[float, T] | None:

@@ -9,7 +9,7 @@ from lmi_cases import PATH_2, first_wishes, problem, stored
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.proposal import claim_of, proved_bound
-from lockstep.lmi.specification.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, specifications
+from lockstep.lmi.specification.defaults import GAIN_LIMIT, HIGH_GAIN_LIMIT, VERY_HIGH, specifications
 from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 
@@ -33,8 +33,12 @@ def limits_asked(posed: Problem) -> list[float]:
 
 def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -> None:
     """From p = 1 and -1 |r| is 2 for both: gains up to 0.5 * 4 / 2 = 1 take half of 4 at the start, of 80 those up to 20."""
-    assert limits_asked(slider(4.0))[:2] == [1.0, GAIN_LIMIT]
-    assert limits_asked(slider(80.0))[:2] == [20.0, HIGH_GAIN_LIMIT], "6.4 was within what was tried"
+    assert limits_asked(slider(4.0))[:3] == [1.0, 3.0, GAIN_LIMIT], (
+        "1.5 times as much before what knows no actuators"
+    )
+    assert limits_asked(slider(80.0))[:3] == [20.0, 60.0, VERY_HIGH * HIGH_GAIN_LIMIT], (
+        "6.4 and 50 were within 60"
+    )
     assert 1.0 < limits_asked(slider(4.0, order=1))[0] < GAIN_LIMIT, "the direct gain alone has 1"
     assert limits_asked(slider(80.0, order=1))[0] == GAIN_LIMIT, "what is asked for anyway is less"
     assert limits_asked(slider(4.0, said="gain_limit = 3.0")) == [3.0]
@@ -123,9 +127,11 @@ def test_gains_that_are_far_from_the_floor_within_the_limits_are_not_taken(monke
     for far in (1e9, 1e-9):
         monkeypatch.setattr("lockstep.lmi.specification.attempts.VERY_FAR", far)
         said.append(stored(slider(4.0)).info["figures"]["defaults"])
-    assert [one["gain_limit"] for one in said] == [1.0, GAIN_LIMIT]
+    assert said[0]["gain_limit"] == 1.0
     assert "given_up" not in said[0]
+    assert said[1]["gain_limit"] > GAIN_LIMIT, "with MUCH so large the last that is tried is taken"
     assert "half of [agent.limits]" in said[1]["given_up"]
+    assert "1.5 times [agent.limits]" in said[1]["given_up"]
 
 
 def test_what_is_zero_at_the_start_takes_nothing_of_the_actuators() -> None:
@@ -181,7 +187,7 @@ def test_actuators_that_never_reach_so_far_and_inputs_without_a_limit(inputs: st
         agent="limits = { u = [-0.08, 0.08] }",
         design="order = 0\n[simulation]\ninitial = [[1.0], [-1.0]]",
     )
-    assert limits_asked(posed)[:2] == [0.02, GAIN_LIMIT]
+    assert limits_asked(posed)[:3] == [0.02, 0.06, GAIN_LIMIT]
 
 
 @pytest.mark.slow

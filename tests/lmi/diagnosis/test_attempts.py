@@ -13,12 +13,32 @@ from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi import design as lmi_design
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import Proposal
-from lockstep.model.problem import Problem
+from lockstep.model.problem import Problem, parse_problem
 
 POSED = problem(
     dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, network=PATH_2, design="order = 0\nstarts = 1"
 )
 """Its floor is set to 1 below: rho is so many floors."""
+
+WITHIN = parse_problem(
+    """
+    [agent]
+    states = ["x"]
+    inputs = ["u"]
+    dynamics = { x = "sin(x) + u" }
+    outputs = { y = "x" }
+    limits = { u = [-1.0, 1.0] }
+    [network]
+    agents = 2
+    topology = "path"
+    [design]
+    order = 0
+    starts = 1
+    [simulation]
+    initial = [[-1.0], [1.0]]
+    """
+)
+"""The same agents, with actuators and where they start: gains are first sized for these."""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +62,7 @@ def led_to(monkeypatch: pytest.MonkeyPatch, found: Proposal) -> Any:
                 found, certificate=certificate, sampled=one[1], floor=FloorWitness(1.0, ()), figures={}
             )
 
-    def designed(*figures: tuple[float, float] | None) -> Proposal:
+    def designed(*figures: tuple[float, float] | None, posed: Problem = POSED) -> Proposal:
         given = proposals(list(figures))
 
         def proposed(posed: Problem, *_: object) -> Proposal:
@@ -51,7 +71,7 @@ def led_to(monkeypatch: pytest.MonkeyPatch, found: Proposal) -> Any:
             return replace(one, problem=posed)
 
         monkeypatch.setattr(lmi_design, "_proposed", proposed)
-        made = design(POSED, jobs=1)
+        made = design(posed, jobs=1)
         assert next(given, "all were tried") == "all were tried"
         return made
 
@@ -92,3 +112,16 @@ def test_gains_that_are_found_are_not_lost_by_later_ones_that_are_not(led_to: An
     made = led_to((9.0, 9.0), None)
     assert made.certificate.rho == 9.0
     assert "0.5 of what is asked was carried" in made.figures["defaults"]["not_taken"]
+
+
+def test_gains_a_little_beyond_the_actuators_limits_are_taken_before_far_larger_ones(led_to: Any) -> None:
+    """Sixteen floors within half of the limits, nine within 1.5 times: ten are enough where actuators are the reason."""
+    made = led_to((16.0, 17.0), (9.0, 12.0), posed=WITHIN)
+    assert made.certificate.rho == 9.0
+    assert made.figures["defaults"]["gain_limit"] == 0.6, "half of 1 over |r| = 2, to one digit, times three"
+    assert "sized for half of [agent.limits]: rho was 16" in made.figures["defaults"]["given_up"]
+    assert led_to((9.9, 12.0), posed=WITHIN).certificate.rho == 9.9
+    # Neither is enough: the limits that know no actuators follow, and ten floors are enough of them, too.
+    assert led_to((90.0, 90.0), (80.0, 80.0), (9.0, 9.0), posed=WITHIN).certificate.rho == 9.0
+    # What is enough by its continuous rho and ships worse than what there is, is not taken.
+    assert led_to((11.0, 11.0), (9.0, 30.0), (8.0, 8.0), posed=WITHIN).certificate.rho == 8.0

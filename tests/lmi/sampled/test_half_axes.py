@@ -200,3 +200,18 @@ def test_starts_whose_squares_overflow():
     assert times_covered(1.0, None, far) == pytest.approx(1e-200 / 2**0.5)
     found = largest_half_axes(np.eye(2), np.diag([4.0, 0.25]), 1.0, far, 0.01)
     assert np.array(found) == pytest.approx([0.5, 2.0], rel=0.015)
+
+
+def test_no_start_is_claimed_beyond_what_agents_in_their_domain_can_be_apart():
+    """x' = u - x - x^3/10 within 1 of 0: two are 2 apart at most, |x_d| = sqrt 2, and u = -r/10 never comes near 1000."""
+    posed = problem(
+        dynamics={"x": "u - x - 0.1*x**3"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        agent="domain = { x = [-1.0, 1.0] }\nlimits = { u = [-1000.0, 1000.0] }",
+        design='method = "given"\norder = 0\n' + "[[design.gains]]\nD = [[-0.1]]\n" * 2,
+    )
+    claims = as_shipped(design_file_of(design(posed))).claims
+    assert claims.scope == "local"
+    assert claims.sampled.radius == claims.sampled.clipped_radius == pytest.approx(2**0.5, rel=1e-3)
+    assert claims.sampled.half_axes is claims.sampled.clipped_half_axes is None

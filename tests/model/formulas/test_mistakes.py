@@ -79,7 +79,7 @@ MISTAKES = {
     ),
     "an output that is not linear": (
         'y1 = "theta_m"', 'y1 = "theta_m**2"',
-        "[agent.outputs] y1", "`theta_m**2` is not linear", "y = C x as in (2)", "measure the states",
+        "[agent.outputs] y1", "`theta_m**2` is not linear", "coefficients, y = C x", "measure the states",
     ),
     "a domain upside down": (
         "[agent.units]", "[agent.domain]\ntheta_l = [1.0, -1.0]\n[agent.units]",

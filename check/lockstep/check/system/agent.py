@@ -248,7 +248,7 @@ def _check_no_input(names: _Names, state: str, node: Node, text: str) -> None:
         raise ProblemError(
             f"the input `{name}` enters through {text}",
             where=f"[agent.dynamics] {state}",
-            expected="inputs that enter linearly, with constant coefficients, as in (2)",
+            expected="inputs that enter linearly, with constant coefficients: x' = ... + B u",
             remedy="make the nonlinear actuator a state of the agent, or its output the input",
         )
 
@@ -278,7 +278,7 @@ def _phi(found: Arguments, components: Sequence[Node], needs: Sequence[Condition
 
 def _output_row(names: _Names, output: str, value: Value) -> Row:
     """Return a row of C: linear in the states, and nothing else."""
-    where, kind = f"[agent.outputs] {output}", "a sum of states with constant coefficients, y = C x as in (2)"
+    where, kind = f"[agent.outputs] {output}", "a sum of states with constant coefficients, y = C x"
     offset, terms = linear_terms(value.node)
     others = [(c, x) for c, x in terms if x.op != "variable" or x.data == names.time]
     if others or value.conditions:

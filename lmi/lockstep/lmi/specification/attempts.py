@@ -56,9 +56,13 @@ class _Tried:
     taken: int = 0
 
     def add(self, spec: Specification, found: Proposal) -> None:
-        """Take what a specification came to, if it is much better."""
+        """Take what a specification came to, if it is much better, or enough where what was taken is not."""
         best = self.best
-        if best is None or _shipped(found, best) < MUCH * _shipped(best):
+        suffices = (
+            spec.enough and best and best.floor and _over_floor(found, best) <= VERY_FAR < _over_floor(best)
+        )
+        part = 1.0 if suffices else MUCH
+        if best is None or _shipped(found, best) < part * _shipped(best):
             before = "; ".join(filter(None, (*self.said, spec.not_asked)))
             self.best = found if spec.problem is self.problem else _with_remark(found, spec, before)
             self.taken = len(self.said) + 1

@@ -119,14 +119,15 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
     said, limits = _asked(problem, _of_two(problem, network), claim)
     within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     if within is not None:
-        for more, part in SIZED if problem.design.decay else SIZED[:1]:
-            asked = _with(problem, within | {"gain_limit": more * within["gain_limit"]})
+        for more, part in SIZED if problem.design.decay else SIZED[:2]:
+            size = float(f"{more * within['gain_limit']:.2g}")
+            asked = _with(problem, within | {"gain_limit": size})
             yield Specification(asked, f", sized for {part} [agent.limits]", enough=True)
             most = 0.0 if "gain_units" in within else asked.design.gain_limit
     for limit in limits:
         if "gain_units" not in limit and limit["gain_limit"] <= most:
             continue  # it was within the one before
-        yield Specification(_with(problem, said | limit))
+        yield Specification(_with(problem, said | limit), enough=within is not None)
     if said.pop("stable_controllers", None) or "search_decay" in said:
         said.pop("search_decay", None)
         yield Specification(
