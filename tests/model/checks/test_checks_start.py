@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from lockstep.model.checks.plausibility import initial_deviations, period, unstable_alone
+from lockstep.model.checks.plausibility import initial, initial_deviations, period, unstable_alone
 from lockstep.model.problem import Problem
 
 TEXT = """
@@ -64,3 +64,26 @@ def test_a_sign_is_doubted_where_an_agent_runs_away_within_the_run(damping, verd
     rows = list(unstable_alone(Problem.parse(TEXT.replace("u - v", f"u {damping} v"))))
     assert [row.verdict for row in rows] == verdicts
     assert ["wrong sign" in row.figure for row in rows] == [asked] * len(rows)
+
+
+@pytest.mark.parametrize(
+    ("rate", "noted"), [("u - v + 1e4", True), ("u - v + 1e2", False), ("u - 1e4*(v - p)", False)]
+)
+def test_agents_that_leave_their_domain_by_themselves_within_a_period_are_noted(rate, noted):
+    """v is within 10 of 0, a period has 10 ms: a force of 1e4 moves it by 100, one of 100 by 1. A lag of 0.1 ms ends at p,
+    1 away, though at its first rate it would come to 100."""
+    text = TEXT.replace('v = "u - v"', f'v = "{rate}"').replace(
+        "[network]", "domain = { v = [-10.0, 10.0] }\n[network]"
+    )
+    starts = "[simulation]\ninitial = [[1.0, 0.0], [1.0, 0.0]]\n[controller]\nperiod = 0.01\n"
+    rows = list(initial(Problem.parse(text + starts)))
+    assert [row.verdict for row in rows] == ["note"] * noted
+    if noted:
+        assert (
+            "with u = 0 v moves by 99.5 in the first 0.01 s, and [agent.domain] is 20 wide" in rows[0].figure
+        )
+    # A start outside says nothing of the domain, and is told by itself.
+    outside = list(initial(Problem.parse(text + starts.replace("1.0, 0.0", "1.0, 50.0"))))
+    assert [row.figure for row in outside] == [
+        "v of agent 1 is 50, outside of [agent.domain], -10 <= v <= 10"
+    ]

@@ -20,6 +20,7 @@ from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import middle, state_sizes
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.report import CheckRow
+from lockstep.model.loop_transformation.natural_units import step_response
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import AgentTable
 
@@ -85,7 +86,7 @@ def _modes(problem: Problem) -> list[complex]:
     from scipy.linalg import matrix_balance
 
     agent, found = problem.agent(), list[complex]()
-    J = ca.Function("J", [agent.x, agent.u, agent.t], [ca.jacobian(agent.rhs, agent.x)])
+    J = agent.dynamics.factory("J", ["x", "u", "t"], ["jac:dx:x"])
     for x in (middle(agent), *np.clip(problem.initial_states(), agent.box[:, 0], agent.box[:, 1])):
         slopes = np.asarray(J(x, np.zeros(agent.m), 0.0))
         if np.isfinite(slopes).all():
@@ -170,6 +171,7 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
             yield CheckRow(
                 name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
             )
+    yield from _left_alone(agent, starts, problem.controller.period)
     where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
     if len(where):
         i, j = where[0]
@@ -183,6 +185,22 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
         yield CheckRow(
             name, "note", figure, "what is proved on a domain says nothing of a run that starts outside of it"
         )
+
+
+def _left_alone(agent: Agent, starts: Float[np.ndarray, "N n"], T: float) -> Iterator[CheckRow]:
+    """Yield a row where an agent with u = 0, linear about a start in its domain, moves by more than that within a period."""
+    f = agent.dynamics.factory("f", ["x", "u", "t"], ["dx", "jac:dx:x"])
+    low, high = agent.box.T
+    for x in starts[((low <= starts) & (starts <= high)).all(axis=1)]:
+        dx, J = (np.asarray(one) for one in f(x, np.zeros(agent.m), 0.0))
+        with np.errstate(all="ignore"):
+            moved = np.ravel(step_response(T, J, dx))
+        for j in np.flatnonzero(np.isfinite(high - low) & (np.abs(moved) > high - low))[:1]:
+            figure = f"with u = 0 {agent.states[j]} moves by {moved[j]:.3g} in the first {T:g} s, and [agent.domain] is"
+            why = "of agents that leave their domain by themselves nothing is proved"
+            figure += f" {high[j] - low[j]:g} wide: is a number of [agent] wrong?"
+            yield CheckRow("initial states", "note", figure, why)
+            return
 
 
 def angles(agent: Agent) -> set[int]:
