@@ -11,6 +11,8 @@ int main(void);
 static arm1_state_t controller;
 static uint32_t taken; /* `sequence` of the last message that was taken */
 static uint32_t faults; /* in a row; MOST_FAULTS of them stay */
+static int checked;     /* 1 once it is known how this interrupt computes, whose FPSCR is not that of main */
+static int checked; /* whether the context that steps computes as the one that began: an interrupt has its own FPSCR */
 
 /* Copy the radio's message. Whole and new: 1. Half of it may be another one's: 0, and it is taken next time. */
 static arm1_mask_t receive(float message[2])
@@ -50,6 +52,12 @@ void SysTick_Handler(void)
     const int good = stepped && (controller.age[0] <= OLDEST);
 
     (void)began;
+    if (!checked) {
+        checked = 1;
+        if (arm1_self_check() != ARM1_OK) {
+            faults = MOST_FAULTS;
+        }
+    }
     if (!good) {
         BOARD->faults = BOARD->faults + 1u;
     }

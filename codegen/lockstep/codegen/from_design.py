@@ -34,6 +34,7 @@ CONTINUOUS_ONLY = (
     "the continuous controller in real arithmetic alone: nothing is proved of the sampled, rounded one here"
 )
 
+RHO = "rho: the L2 gain from the disturbances to what is weighed, from agreement at rest"
 WHERE = "not proved; in consensus all agents move as one of them does with u = 0"
 MOVED = "; until then a load on one moves all: gains that differ leave a sum of inputs"
 EQUAL = ' (method = "modal" has equal ones)'
@@ -139,7 +140,8 @@ def formats_of(claims: FixedClaims, stored: Stored) -> FixedEntry:
     lines = (
         "assumes: the agents obey their model; synchronous sampling; every message arrives in time",
         *more,
-        "all agents come to agree, between the samples too, while no step is CLIPPED or SATURATED",
+        "all agents come to agree, between the samples too, while no step is CLIPPED or SATURATED and no reading leaves its",
+        "    counts: saturate it on conversion, and take one at the end of its range for a fault, which no status tells",
         f"residual_from_rounding = {residual}: the distance of the states from agreement in the end, readings exact",
         f"residual_per_message_error = {per_error}: times the largest error of a reading, besides",
         f"residual with readings rounded to counts = {rounded}: if that is too much, `output_range` makes counts smaller",
@@ -216,8 +218,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
     continuous = "rho, delta and decay" if delta else "rho and decay"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
     if scope == "local":
-        said = "assumes" if covered else "covers"
-        lines = {**lines, said: f"{lines[said]}; {_domain(stored)}"}
+        lines["assumes" if covered else "covers"] += f"; {_domain(stored)}"
     return {
         "certified": True,
         "proof": "ball" if covered else "exact",
@@ -231,13 +232,12 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
         "alpha": round_down(claims.alpha, 6),
         **delta,
-        "decay": None
-        if claims.decay is None
-        else f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",
+        "decay": claims.decay
+        and f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",
         **(
             {"decay_sampled": f"{rate:g} 1/s, of these controllers, but for rounded messages"} if rate else {}
         ),
-        **({continuous: "of the continuous controllers (proof: exact)"} if covered else {}),
+        **({continuous: f"of the continuous controllers (proof: exact); {RHO}"} if covered else {}),
         **_limits(stored),
         **said_of_messages(stored),
         "controllers": _alone(stored),
@@ -258,7 +258,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     )
     timely = ", every message in time" if problem.messages is not None else ""
     timely += ", while every agent stays in its domain" if stored.claims.scope != "global" else ""
-    rest = f"controllers at rest, no disturbance{timely}"
+    rest = f"controllers at rest, no disturbance, readings and messages exact{timely}"
     found: dict[str, str | None] = {"limits": None}
 
     def start(radius: float, axes: Sequence[float] | None) -> str:
@@ -270,7 +270,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     if claims.limits_gain is not None:
         counted = " as it is counted (`disturbances`)" if _counted(stored) else ""
         pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2{counted}"
-        found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}{timely}"
+        found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}, all else exact{timely}"
     if claims.clipped_radius is not None:
         reach = start(claims.clipped_radius, claims.clipped_half_axes)
         found["clipped"] = f"{reach} all come to agree with u clipped, {rest}"
@@ -319,9 +319,9 @@ def _each(names: Sequence[str], sizes: Vector) -> str:
 
 def _alone(stored: Stored) -> str | None:
     """Return how the sampled controllers behave by themselves: the largest |eigenvalue| of each, computed."""
-    if not stored.gains.order:
-        return None
     n_C, table = stored.gains.order, stored.problem.controller
+    if not n_C:
+        return None
     try:
         tables = [one.table[:n_C, :n_C] for one in sampled_controllers(stored, table.period)]
     except ProblemError:
@@ -359,8 +359,8 @@ def signed_lines(stored: Stored) -> dict[str, str]:
         "assumes": f"the agents obey their model with slopes up to {_slopes(stored)}; synchronous sampling;"
         f" {arrives}; u acts {applied} and {unclipped}; no step overflows",
         "remains": "at the sampling instants, in the end, a distance of the states from agreement of up to"
-        f" {residual} times the largest error of a message or of an own reading (root mean square: {rms} times), a bound"
-        " that is not tight;"
+        f" {residual} times the largest error of an entry of a message or of an own reading, each in its unit"
+        f" (root mean square: {rms} times), a bound that is not tight;"
         f" rounding a message to {table.real} errs by {PRECISIONS[table.real].u:.1e} of its size",
     }
 

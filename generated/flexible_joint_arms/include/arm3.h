@@ -21,8 +21,8 @@
  *   assumes: the agents obey their model with slopes up to alpha; synchronous sampling; every message
  *     arrives; u acts at once and does not saturate (where that is proved, `limits` says); no step overflows
  *   remains: at the sampling instants, in the end, a distance of the states from agreement of up to 96
- *     times the largest error of a message or of an own reading (root mean square: 96 times), a bound that is
- *     not tight; rounding a message to float32 errs by 6.0e-08 of its size
+ *     times the largest error of an entry of a message or of an own reading, each in its unit (root mean
+ *     square: 96 times), a bound that is not tight; rounding a message to float32 errs by 6.0e-08 of its size
  *   where: not proved; in consensus all agents move as one of them does with u = 0; until then a load on
  *     one moves all: gains that differ leave a sum of inputs
  *   distance, disagreement: the root of the sum over agents and states of (x - mean)^2, in the units of the
@@ -35,12 +35,14 @@
  *   alpha: 3.33
  *   decay: 0.324 1/s, of every disagreement, with the gains as they were designed, continuous
  *   decay_sampled: 0.3077 1/s, of these controllers, but for rounded messages
- *   rho and decay: of the continuous controllers (proof: exact)
- *   limits: |u| < 10 V for ever from a disagreement of at most 1.648, controllers at rest, no disturbance
+ *   rho and decay: of the continuous controllers (proof: exact); rho: the L2 gain from the disturbances to
+ *     what is weighed, from agreement at rest
+ *   limits: |u| < 10 V for ever from a disagreement of at most 1.648, controllers at rest, no disturbance,
+ *     readings and messages exact
  *   limits_gain: |u| < 10 V for ever from agreement at rest, under a disturbance of at most 4.958 in L2 as
- *     it is counted (`disturbances`)
+ *     it is counted (`disturbances`), all else exact
  *   clipped: from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest, no
- *     disturbance
+ *     disturbance, readings and messages exact
  *   controllers: each is stable by itself, which is proved; largest |eigenvalue| per step, by agent: 0.989,
  *     0.990, 0.983
  *
@@ -80,6 +82,7 @@
  *                    faults in a row, stop the plant safely after a few, and let it stay so until it is started anew. Feed the
  *                    watchdog after a good step only. A fault of the measurements ends with them. An OVERFLOW that the
  *                    state itself causes stays, since the state is held: then call arm3_reset
+ *   finite readings  are taken as they are, a neighbour's too: what the sensor cannot mean is yours to reject before the call
  *   missing rows     and those that are NaN or infinite: the last message is used until a new one arrives. Watch `age`: nothing
  *                    is claimed of an old one
  *   CLIPPED          is no fault: the step was taken, and u is at its limit. x+ does not know that u was clipped (no anti-windup):
@@ -118,7 +121,7 @@ typedef uint32_t arm3_mask_t;
 typedef enum {
     ARM3_OK = 0,
     /*
-     * Own y, or r, is NaN or infinite. u is the last good command; in *state only `age` and `misses` went on.
+     * Own y, or the r that is given, is NaN or infinite. u is the last good command; in *state only `age` and `misses` went on.
      */
     ARM3_NOT_FINITE = 1,
     /*

@@ -37,7 +37,8 @@ EQUATIONS = (
     ),
     (
         "(4), (6), (8), (9), (10)",
-        "definitions; nothing is claimed. (8) is what every certificate here proves",
+        "definitions; nothing is claimed. (8) is what every continuous certificate here proves; that of the C proves it up to"
+        " what rounding leaves",
     ),
     ("(5), (7)", "stacked-h, sufficient-7; Gamma_bar_N in (5) is that of the gamma_bar_1i"),
     ("(11)", "an assumption on the errors; peak-a, peak-c, error-shapes"),

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import subprocess
 import zlib
 
 import numpy as np
@@ -250,10 +251,27 @@ def test_the_range_of_the_problem_file_is_in_the_c(root):
     document["problem"]["agent"]["output_range"] = {"y1": [-3.5, None]}
     files = with_exports(emit(specification(parse(document, "design"))), ["messages"])
     assert "lowest[2] = {-3.5f, -3.4028235e+38f}" in files["messages/arm1_node.c"]
+    assert "infinite or out of range: that neighbour" in files["messages/arm1_node.h"]
+    without = with_exports(emit(arms()), ["messages"])["messages/arm1_node.h"]
+    assert "infinite: that neighbour" in without, "no range is checked, so none is promised"
     for wrong, said in (({"speed": [0, 1]}, "no output"), ({"y1": [1, 1]}, "lower below")):
         document["problem"]["agent"]["output_range"] = wrong
         with pytest.raises(ProblemError, match=said):
             parse(document, "design")
+
+
+@pytest.mark.parametrize(
+    ("flag", "builds"), [("-O2", True), ("-ffast-math", False), ("-ffinite-math-only", False)]
+)
+def test_a_node_refuses_shortcuts_as_its_controller_does(tmp_path, flag, builds):
+    """Built so, a node takes NaN for a reading, sends it, and stops those that listen."""
+    folder, compiler = messages_folder(tmp_path), host_compilers()[0]
+    places = [f"-I{folder / 'include'}", f"-I{folder / 'messages'}"]
+    node = [str(folder / "messages" / "arm1_node.c"), "-o", str(tmp_path / "node.o")]
+    command = [*compiler.command, "-std=c99", flag, *places, "-c", *node]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == builds, done.stderr
+    assert ("#error" in done.stderr) != builds
 
 
 @pytest.mark.slow

@@ -113,6 +113,17 @@ def test_one_fault_holds_the_command_and_is_counted(firmware):
     assert board.was_fed()
 
 
+def test_an_interrupt_that_flushes_to_zero_lets_the_motor_go(firmware):
+    """`main` computes as it should and init says OK; the interrupt's FPSCR has bit 24, FZ, as FPDSCR would give it."""
+    from unicorn.arm_const import UC_ARM_REG_FPSCR
+
+    board = Board(firmware)
+    board.reset()
+    board.core.reg_write(UC_ARM_REG_FPSCR, 1 << 24)
+    assert [board.tick([0.5, 0], [0, 0], 1) for _ in range(5)] == [0] * 5
+    assert not board.was_fed()
+
+
 def test_faults_in_a_row_stop_the_motor_until_the_board_is_reset(firmware):
     board = Board(firmware)
     board.reset()
@@ -195,6 +206,7 @@ def test_the_firmware_holds_no_library(firmware):
         "start",
         "taken",
         "faults",
+        "checked",
         "Reset_",
         "Stop_",
         "SysTick_",
