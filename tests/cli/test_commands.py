@@ -366,8 +366,14 @@ def test_another_period_is_told_as_one_that_is_certified():
     """Beside a NO it is the period at which the gains are certified, none at which they fail as well."""
     refused = {"certified": False, "reason": "the gain is 1.3", "period": 0.2, "max_period": 0.03}
     assert sampled_text(refused) == "NO: the gain is 1.3; certified at 0.03 s"
-    proved = {"certified": True, "proof": "ball", "period": 0.2, "max_period": 0.3}
-    assert sampled_text(proved).endswith("proof: ball; certified at 0.3 s")
+    proved = {"certified": True, "proof": "ball", "period": 0.2, "max_period": 0.4}
+    assert sampled_text(proved).endswith("proof: ball; certified at 0.4 s")
+    assert sampled_text(proved | {"max_period": 0.25}).endswith(
+        "certified at 0.25 s, little above the period"
+    )
+    assert (
+        sampled_text(proved | {"rate": 0.5, "rate_asked": 1.0}).count(", 0.5 1/s of the 1 1/s asked for") == 1
+    )
 
 
 def test_the_package_is_the_command_too():

@@ -25,7 +25,7 @@ NOTHING = "nothing is proved"
 CONVERGES = "every disagreement at {:.6g} 1/s or faster, of the continuous controllers"
 FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
 NO_FLOOR = "none was proved: how near rho is to the least possible is not known"
-STATIC = 0.01
+STATIC, LITTLE = 0.01, 1.5
 STATIC_SAID = (
     'the controllers\' states add less than {:.0%} to what their D do: these D alone spare them (method "given" with'
     " order 0, and these weights and disturbances; a search with order 0 finds others)"
@@ -51,14 +51,14 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
     """Return in a line what is proved of the sampled controllers."""
-    reach = f"; certified at {sampled['max_period']:g} s" if sampled.get("max_period") else ""
+    reach = f"; certified at {most:g} s" if (most := sampled.get("max_period")) else ""
+    reach += ", little above the period" * bool(most and 1 <= most / sampled["period"] < LITTLE)
     if failed := sampled.get("not_designed_for_period"):
         reach += f"; not designed for the period: {failed}"
     if sampled["certified"]:
         gain = f", rho {sampled['rho']:.6g}" if sampled.get("rho") else ""
-        if rate := sampled.get("rate"):
-            asked = sampled.get("rate_asked") or 0.0
-            gain += f", {rate:g} 1/s" + f" of the {asked:g} 1/s asked for" * (rate < asked)
+        rate, asked = sampled.get("rate") or 0.0, sampled.get("rate_asked") or 0.0
+        gain += (f", {rate:g} 1/s" + f" of the {asked:g} 1/s asked for" * (rate < asked)) * bool(rate)
         made = ", designed for it" if sampled.get("designed_for_period") else ""
         return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
