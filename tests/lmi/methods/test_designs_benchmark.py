@@ -104,8 +104,8 @@ def test_a_row_of_the_table(table):
     lines = table.table_of(
         [row(table, 2.0, 3.0, None, floor=1.5), row(table, None, infeasible="why")]
     ).splitlines()
-    assert lines[2] == "| rooms | 2 of 3 | 2 of 3 | 2 | 2.5 | 3 | 1.5 | 2 | 2 | 3 | 11 | buildings | 6 | 1 |"
-    assert lines[3] == "| rooms | none exist | 0 of 1 | - | - | - | 1 | - | - | - | 10 | buildings | 6 | 1 |"
+    assert lines[2] == "| rooms | 2 of 3 | 2 of 3 | 2 | 11 | 2 | 2.5 | 3 | 1.5 | 2 | 3 | buildings | 6 | 1 |"
+    assert lines[3] == "| rooms | none exist | 0 of 1 | - | 10 | - | - | - | 1 | - | - | buildings | 6 | 1 |"
     assert {line.count("|") for line in lines} == {len(table.HEAD) + 1}
 
 
