@@ -205,13 +205,14 @@ def _with_a_state_more(search: GainSearch, lower: GainSearch, seed: int, index: 
     at = resume(lower, None, run_start(lower, None, seed, index)).at
     if not np.isfinite(at.rho):
         return None
-    norm, limit, units = search.norm, search.gain_limit, search.units.gains
-    drawn = np.random.default_rng([seed, index]).standard_normal(norm.shape) * units
+    norm, limit, theirs, ours = search.norm, search.gain_limit, lower.units, search.units
+    drawn = np.random.default_rng([seed, index]).standard_normal(norm.shape) * ours.gains
     if not np.ptp(at.K, axis=0).any():
         drawn[:] = drawn[0]  # equal gains stay so
     drawn[:, 1:, 1:] = drawn[:, 0, 0] = 0.0
-    K, w = np.zeros(norm.shape), at.w * (lower.units.pair_weight / search.units.pair_weight)
-    K[:, 1:, 1:], K[:, 0, 0] = at.K, -max(units[0, 0], 2 * (search.rate or 0.0))
+    # The product that a pair weight is may underflow, and these quotients do not.
+    K, w = np.zeros(norm.shape), at.w * (theirs.cost / ours.cost) * (theirs.multiplier / ours.multiplier)
+    K[:, 1:, 1:], K[:, 0, 0] = at.K, -max(ours.gains[0, 0], 2 * (search.rate or 0.0))
     for size in COUPLED:
         coupled = limited(K + size * drawn, INSIDE * limit)
         x = norm.pack(coupled, w)
