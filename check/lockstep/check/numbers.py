@@ -90,8 +90,7 @@ def inverse(matrix: Matrix) -> Matrix:
     """Return the inverse, exact for an array of rationals."""
     if not is_exact(matrix):
         return np.linalg.inv(matrix)
-    rows = fmpq_mat(matrix.tolist()).inv().tolist()
-    return np.array(rows, dtype=object).reshape(matrix.shape)
+    return np.array(fmpq_mat(matrix.tolist()).inv().tolist(), dtype=object).reshape(matrix.shape)
 
 
 def converter(

@@ -207,11 +207,11 @@ def _with_a_state_more(search: GainSearch, lower: GainSearch, seed: int, index: 
         return None
     norm, limit, theirs, ours = search.norm, search.gain_limit, lower.units, search.units
     drawn = np.random.default_rng([seed, index]).standard_normal(norm.shape) * ours.gains
-    if not np.ptp(at.K, axis=0).any():
-        drawn[:] = drawn[0]  # equal gains stay so
+    drawn[:] = drawn if np.ptp(at.K, axis=0).any() else drawn[0]  # equal gains stay so
     drawn[:, 1:, 1:] = drawn[:, 0, 0] = 0.0
-    # The product that a pair weight is may underflow, and these quotients do not.
-    K, w = np.zeros(norm.shape), at.w * (theirs.cost / ours.cost) * (theirs.multiplier / ours.multiplier)
+    if not ours.pair_weight:
+        return None  # it underflows, of rates of 1e300
+    K, w = np.zeros(norm.shape), at.w * (theirs.pair_weight / ours.pair_weight)
     K[:, 1:, 1:], K[:, 0, 0] = at.K, -max(ours.gains[0, 0], 2 * (search.rate or 0.0))
     for size in COUPLED:
         coupled = limited(K + size * drawn, INSIDE * limit)
