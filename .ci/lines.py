@@ -124,6 +124,7 @@ LATER = {
         450,
     ),
     "lmi/robustness": (["lmi/lockstep/lmi/robustness"], 600),
+    # 50 before `check` had a row of them, and what does not decay was refused at once.
     "modes that no controller moves": (["model/lockstep/model/checks/lost_modes.py"], 70),
     "lmi/external_lmi": (["lmi/lockstep/lmi/external_lmi"], 500),
     "codegen/exports, and what runs them": (

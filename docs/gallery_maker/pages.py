@@ -66,7 +66,7 @@ def page(field: str) -> str:
     text = init(field).text
     about = [line.removeprefix("# ") for line in text.splitlines()[1:] if line.startswith("# ")]
     units = {
-        name: f" ({agent.units[name]})" if agent.units.get(name, "1") != "1" else ""
+        name: f" ({agent.shown_units[name]})" if name in agent.shown_units else ""
         for name in (*agent.states, *agent.inputs)
     }
     states = ", ".join(f"`{name}`{units[name]}" for name in agent.states)

@@ -12,7 +12,6 @@ static arm1_state_t controller;
 static uint32_t taken; /* `sequence` of the last message that was taken */
 static uint32_t faults; /* in a row; MOST_FAULTS of them stay */
 static int checked;     /* 1 once it is known how this interrupt computes, whose FPSCR is not that of main */
-static int checked; /* whether the context that steps computes as the one that began: an interrupt has its own FPSCR */
 
 /* Copy the radio's message. Whole and new: 1. Half of it may be another one's: 0, and it is taken next time. */
 static arm1_mask_t receive(float message[2])

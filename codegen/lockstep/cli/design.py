@@ -26,6 +26,7 @@ CONVERGES = "every disagreement at {:.6g} 1/s or faster, of the continuous contr
 FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
 NO_FLOOR = "none was proved: how near rho is to the least possible is not known"
 STATIC, LITTLE = 0.01, 1.5
+"""Part of u, below which controllers' states do nothing; times the period, below which the longest one leaves little room."""
 STATIC_SAID = (
     'the controllers\' states add less than {:.0%} to what their D do: these D alone spare them (method "given" with'
     " order 0, and these weights and disturbances; a search with order 0 finds others)"

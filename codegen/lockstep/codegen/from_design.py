@@ -77,8 +77,7 @@ def specification(stored: Stored, options: CodeOptions = BY_DEFAULT) -> CodegenS
     demand(not one_image or problem.offsets is None, found, "[network] offsets, --one-image", expected)
     graph, lure, x0 = problem.graph(), agent.lure, problem.initial_states()
     demand(name.endswith(NAMED) or not name, f"`{name}`", "folder", f"a name that ends in {NAMED}")
-    base, gains = f"{options.prefix}{agent.name}", stored.gains
-    units = {name: unit for name, unit in agent.units.items() if unit != "1"}
+    base, units, gains = f"{options.prefix}{agent.name}", agent.shown_units, stored.gains
     names = [f"{base}{i}" for i in range(1, graph.N + 1)]
     sources: list[list[tuple[int, float]]] = [[] for _ in names]
     for listener, source, weight in graph.edges:
@@ -250,7 +249,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     """Return from where no input meets its limit, and from where the clipped loop converges, as far as it is claimed."""
     claims, problem = stored.claims.sampled, stored.problem
     agent = problem.agent()
-    units = {name: unit for name, unit in agent.units.items() if unit != "1"}
+    units = agent.shown_units
     sides = ", ".join(
         f"|{name}| < {limit:g} {units.get(name, '')}".rstrip()
         for name, limit in zip(agent.inputs, problem.limits, strict=True)

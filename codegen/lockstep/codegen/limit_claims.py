@@ -13,6 +13,8 @@ from lockstep.check.sampled.inputs.saturation import ClippedWitness, proves_clip
 from lockstep.check.sampled.loop import SampledLoop, sampled_loop
 from lockstep.codegen.sampled_design import known_rho, sampled_network
 from lockstep.codegen.sampled_modes import sampled_controllers, splits
+from lockstep.lmi.analysis.covered_start import Away
+from lockstep.lmi.analysis.decimals import round_up
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.half_axes import half_axes, largest_multiple
 from lockstep.lmi.sampled.input_limits import largest_gain, largest_radius
@@ -48,7 +50,6 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     plain, noisy = sampled_loop(network, controllers), sampled_loop(network, controllers, weights.outputs)
     guess = witness.m if isinstance(witness, Witness) else np.ones(len(network.d.pairs()))
     claims, proofs, sizes = (stated or made).claims.sampled, (stated or made).proofs, _sizes(weights)
-    most = _most_apart(made)
     calm = _known(claims.radius, proofs.radius, lambda w, r: proves_radius(plain, w, limits, r))
     calm = calm or _of_ball(plain, limits, largest_radius(network, controllers, limits, guess, sizes))
     gain = None
@@ -61,15 +62,16 @@ def with_limits(made: Stored, stated: Stored | None = None) -> Stored:
     if clipped is None:
         sized = calm and (largest_multiple(plain, calm[1], limits, sizes)[0], calm[1])
         clipped = _of_ball(plain, limits, largest_clipped_radius(network, controllers, limits, sized, sizes))
+    most = _most_apart(made)
+    radius, axes = _claimed(plain, limits, calm, most, away)
+    clipped_radius, clipped_axes = _claimed(plain, limits, clipped, most, away)
     found = replace(
         made.claims.sampled,
-        radius=calm and min(calm[0], most),
+        radius=radius,
         limits_gain=gain and gain[0],
-        clipped_radius=clipped and min(clipped[0], most),
-        half_axes=half_axes(plain, calm[1], limits, calm[0], away) if calm and calm[0] < most else None,
-        clipped_half_axes=half_axes(plain, clipped[1], limits, clipped[0], away)
-        if clipped and clipped[0] < most
-        else None,
+        clipped_radius=clipped_radius,
+        half_axes=axes,
+        clipped_half_axes=clipped_axes,
     )
     kept = replace(
         made.proofs,
@@ -88,7 +90,22 @@ def _most_apart(made: Stored) -> float:
     if made.claims.scope == "global":
         return np.inf
     low, high = made.problem.agent().box.T
-    return float(f"{np.sqrt(made.problem.sizes.N) / 2 * np.linalg.norm(high - low):.4g}")
+    most = np.sqrt(made.problem.sizes.N) / 2 * np.linalg.norm(high - low)
+    return round_up(most) if np.isfinite(most) else np.inf
+
+
+def _claimed(
+    loop: SampledLoop,
+    limits: Vector,
+    found: tuple[float, Witness | ClippedWitness] | None,
+    most: float,
+    away: Away,
+) -> tuple[float | None, tuple[float, ...] | None]:
+    """Return the radius and the half-axes that are claimed of a witness: of all in the domain where its ball holds them."""
+    if found is None:
+        return None, None
+    radius, w = found
+    return (most, None) if radius >= most else (radius, half_axes(loop, w, limits, radius, away))
 
 
 def _of_ball(loop: SampledLoop, limits: Vector, found: tuple[float, T] | None) -> tuple[float, T] | None:

@@ -113,7 +113,7 @@ def said_of_messages(stored: Stored) -> dict[str, str]:
     whose = "all links the same" if one.alike(links) else "each link its own, which may change"
     parts = [
         f"a link loses a message with a probability of at most {one.loss:g}, {whose}" if one.loss else "",
-        f"{'besides ' * bool(one.loss)}at most {one.burst} are lost in a row" if one.burst else "",
+        f"{'and besides ' * bool(one.loss)}at most {one.burst} are lost in a row" if one.burst else "",
         f"they are at most {one.delay[1]} period{'s' * (one.delay[1] > 1)} late" if one.delay[1] else "",
         f"a reading is taken at most {one.jitter:g} of a period early" if one.jitter else "",
     ]

@@ -62,7 +62,7 @@ def draw(facts: Facts, spectrum: Spectrum) -> Drawings:
     agent = facts.problem.agent()
     return Drawings(
         _graph(facts.problem.graph()),
-        () if facts.trajectory is None else tuple(_run(facts.trajectory, dict(agent.units))),
+        () if facts.trajectory is None else tuple(_run(facts.trajectory, agent.shown_units)),
         tuple(_spectrum(spectrum, agent.name, facts.stored.claims.rho or np.inf)),
         tuple(_trade_off(facts.trade_off)),
     )

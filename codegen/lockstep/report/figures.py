@@ -210,13 +210,13 @@ def _entitle(
         scale = 1000.0 ** math.floor(math.log10(most) / 3)
         shown = FuncFormatter(lambda value, _: f"{value / scale:.4g}".replace("-", "−"))
         axes.yaxis.set_major_formatter(shown)
-        unit = f"{power_of_ten(scale)} {unit}".removesuffix(" 1")
+        unit = f"{power_of_ten(scale)} {unit}"
     axes.set_title(_with_unit(name, {name: unit.strip()}))
 
 
 def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
     unit = (units or {}).get(name)
-    return f"{name} in {unit}" if unit and unit != "1" else name
+    return f"{name} in {unit}" if unit else name
 
 
 def _on_circle(i: int, N: int) -> tuple[float, float]:

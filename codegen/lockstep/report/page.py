@@ -119,14 +119,14 @@ def _run(facts: Facts) -> dict[str, Any] | None:
     run = facts.trajectory
     if run is None:
         return None
-    units, apart = facts.problem.agent().units, run.disagreement_by_state()
+    units, apart = facts.problem.agent().shown_units, run.disagreement_by_state()
     rows = zip(indices(run), effort_indices(run), np.abs(run.u).max(axis=(0, 2)), strict=True)
     return {
         "horizon": run.t[-1],
         "disturbance": _disturbance(facts),
         "whole": run.t[-1] >= facts.problem.simulation.horizon * (1 - 1e-9),
         "apart": ", ".join(
-            f"{name} from {a:.3g} to {b:.3g} {units.get(name, '')}".removesuffix(" 1").rstrip()
+            f"{name} from {a:.3g} to {b:.3g} {units.get(name, '')}".rstrip()
             for name, a, b in zip(run.state_names, apart[0], apart[-1], strict=True)
         ),
         "rows": [

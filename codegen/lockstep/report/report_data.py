@@ -83,7 +83,7 @@ class Facts:
         noise = np.finfo(np.float32).eps * np.abs(run.x).max(axis=(0, 1)) + np.finfo(float).tiny
         part = apart[-1] / np.maximum(apart.max(axis=0), noise)
         k = int(part.argmax())
-        shown = f"{apart[-1, k]:.3g} {agent.units.get(agent.states[k], '')}".removesuffix(" 1").rstrip()
+        shown = f"{apart[-1, k]:.3g} {agent.shown_units.get(agent.states[k], '')}".rstrip()
         return f"{agent.states[k]} is {shown} apart at its end" if part[k] >= LITTLE else ""
 
     def _saturated_from(self, without: float, clipped: float) -> str:

@@ -191,7 +191,7 @@ def _disturbed(problem: Any) -> list[str]:
 
 def _mixed(problem: Any, so: str) -> str:
     """Say which units a figure adds, and what follows; nothing where it adds one."""
-    units = {problem.agent().units.get(name, "") for name in problem.agent().states} - {""}
+    units = {problem.agent().shown_units.get(name, "") for name in problem.agent().states} - {""}
     return f" This figure adds {', '.join(sorted(units))}: {so}." if len(units) > 1 else ""
 
 
@@ -264,7 +264,8 @@ def _limits(design: Design) -> Iterator[tuple[str, float]]:
 
 def _units(design: Design) -> str:
     agent = design.problem.agent()
-    names = [f"{name} in {agent.units[name]}" if name in agent.units else name for name in agent.states]
+    units = agent.shown_units
+    names = [f"{name} in {units[name]}" if name in units else name for name in agent.states]
     return f"the root of the sum of the squares of what each agent is off their mean, {', '.join(names[:6])}"
 
 

@@ -19,7 +19,6 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.lmi.diagnosis.open_loop import rho_alone
 from lockstep.lmi.guarantees import abscissa, decay_alone
 from lockstep.lmi.proposal import Posed, Proposal, given_gains
@@ -91,8 +90,7 @@ def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertifi
                 why = f"agent {i + 1} hears nobody, and its own controller is unstable by itself"
         said = f"the linear loop of the given gains is unstable, Re s = {abscissa:.3g}: {why}"
         return NotCertified(f"{error}: {said}", **error.figures)
-    loop, scaled_claim, _ = scaled(network.loop(gains.order), claim)
-    part = largest_fraction(loop, gains.blocks, scaled_claim, 0.0)
+    part = largest_fraction(network.loop(gains.order), gains.blocks, claim, 0.0)
     alpha = part * claim.alpha
     said = f"{part:.3g} of it is carried, alpha = {alpha:.6g}"
     return NotCertified(f"{error}; {said}", **error.figures, fraction=part, reachable_alpha=alpha)

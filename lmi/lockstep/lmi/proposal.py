@@ -17,7 +17,7 @@ from lockstep.lmi.initial_set_design import largest_initial_states
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.sampled.synthesis.gains_for_period import StartingGains
 from lockstep.lmi.scope import scope_of
-from lockstep.model.assembly import bound_of, network_of
+from lockstep.model.assembly import bound_of, claimed_slopes, network_of
 from lockstep.model.bound_search import Bound
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
@@ -95,16 +95,10 @@ def proved_bound(problem: Problem) -> Bound:
 
 
 def claim_of(problem: Problem, bound: Bound) -> Claim:
-    """Return what is to be certified: alpha as given or as proved, R, Q and delta of the problem.
-
-    The bounds of single slopes count where alpha is the proved one of this phi. An alpha that is given, or to be raised,
-    stands for every phi that has it.
-    """
-    alpha = problem.design.alpha if problem.design.alpha is not None else bound.alpha
+    """Return what is to be certified: alpha and slopes (`claimed_slopes`), R, Q and delta of the problem."""
+    alpha, entries = claimed_slopes(problem, bound)
     fragility = problem.fragility
     delta = np.tile([fragility[letter] for letter in "ABCD"], (problem.graph().N, 1))
-    of_this_phi = problem.design.alpha is None and problem.design.objective != "alpha"
-    entries = bound.entries if of_this_phi else ()
     return Claim(float(alpha), delta=delta, entries=entries, **problem.performance._asdict())
 
 

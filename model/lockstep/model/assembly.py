@@ -91,6 +91,16 @@ def bound_of(
     return with_entries(problem, exact, boxes)
 
 
+def claimed_slopes(problem: Problem, bound: Bound) -> tuple[float, tuple[Entry, ...]]:
+    """Return alpha, as given or as proved, and the bounds of single slopes that a certificate may use besides.
+
+    They count where alpha is the proved one of this phi. An alpha that is given, or to be raised, stands for every phi that
+    has it.
+    """
+    given, of_this_phi = problem.design.alpha, problem.design.objective != "alpha"
+    return (bound.alpha, bound.entries if of_this_phi else ()) if given is None else (given, ())
+
+
 def bound_with_scales(
     agent: Agent, alpha: float, scales: tuple[Sequence[float], Sequence[float]], entries: Sequence[Entry] = ()
 ) -> Bound:

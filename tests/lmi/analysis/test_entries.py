@@ -21,8 +21,8 @@ from lockstep.check.errors import NotCertified, ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import AffineF, least_rho
 from lockstep.lmi.analysis.fundamental_limits import largest_alpha_of_any_controller
-from lockstep.lmi.analysis.margins import claim_at
 from lockstep.lmi.analysis.rounding import prove
+from lockstep.lmi.analysis.unit_scaling import claim_at
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import answer_document, design_file_of, parse

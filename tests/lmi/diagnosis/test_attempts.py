@@ -13,30 +13,19 @@ from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi import design as lmi_design
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import Proposal
-from lockstep.model.problem import Problem, parse_problem
+from lockstep.model.problem import Problem
 
 POSED = problem(
     dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, network=PATH_2, design="order = 0\nstarts = 1"
 )
 """Its floor is set to 1 below: rho is so many floors."""
 
-WITHIN = parse_problem(
-    """
-    [agent]
-    states = ["x"]
-    inputs = ["u"]
-    dynamics = { x = "sin(x) + u" }
-    outputs = { y = "x" }
-    limits = { u = [-1.0, 1.0] }
-    [network]
-    agents = 2
-    topology = "path"
-    [design]
-    order = 0
-    starts = 1
-    [simulation]
-    initial = [[-1.0], [1.0]]
-    """
+WITHIN = problem(
+    dynamics={"x": "sin(x) + u"},
+    outputs={"y": "x"},
+    network=PATH_2,
+    agent="limits = { u = [-1.0, 1.0] }",
+    design="order = 0\nstarts = 1\n[simulation]\ninitial = [[-1.0], [1.0]]",
 )
 """The same agents, with actuators and where they start: gains are first sized for these."""
 

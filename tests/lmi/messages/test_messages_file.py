@@ -164,7 +164,7 @@ def test_header_and_manifest_assume_the_bounds_on_the_network(made, tmp_path):
         said = " ".join(path.read_text().replace("\n *", " ").split())
         assert (
             "messages: a link loses a message with a probability of at most 0.2, each link its own, which may change,"
-            " besides at most 1 are lost in a row" in said
+            " and besides at most 1 are lost in a row" in said
         )
         assert "where differences are stamped" in said
         assert "Of messages that are late or lost nothing is claimed" not in said

@@ -8,7 +8,7 @@ from lmi_cases import ALPHA, DOUBLE_INTEGRATOR, arms, claim, problem, published
 
 from lockstep.check.continuous.inequality import F_matrix
 from lockstep.lmi.analysis.certificate_sdp import least_rho
-from lockstep.lmi.analysis.margins import claim_at
+from lockstep.lmi.analysis.unit_scaling import claim_at
 from lockstep.lmi.proposal import claim_of, proved_bound
 from lockstep.lmi.search import GainSearch, search_gains
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits

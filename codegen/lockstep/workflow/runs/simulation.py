@@ -125,7 +125,7 @@ class Simulation:
         """
         from lockstep.report.figures import run_figure
 
-        return run_figure(self.trajectory, what, dict(self.design.problem.agent().units))
+        return run_figure(self.trajectory, what, self.design.problem.agent().shown_units)
 
     def rows(self) -> dict[str, str]:
         """Return what is to be told of the run, for people, by a word for each."""
@@ -144,7 +144,7 @@ class Simulation:
             **self.remarks(),
             "disturbance": f"{self.disturbance}{led}{'' if alike else disturbed}",
             **{
-                f"{name} apart by": _course(trajectory.t, d, agent.units.get(name, ""), since)
+                f"{name} apart by": _course(trajectory.t, d, agent.shown_units.get(name, ""), since)
                 for name, d in zip(agent.states, np.ptp(trajectory.less_offsets, axis=1).T, strict=True)
             },
             "measured gain" if found.gain else "against rho": found.text,
@@ -204,7 +204,7 @@ class Simulation:
         from lockstep.report.export import as_files
         from lockstep.report.figures import run_figure
 
-        units, files = dict(self.design.problem.agent().units), dict[str, bytes]()
+        units, files = self.design.problem.agent().shown_units, dict[str, bytes]()
         for what in ("states", "disagreement", "effort"):
             drawn = as_files(run_figure(self.trajectory, what, units), what)
             files |= {f"{what}.{end}": content for end, content in drawn.items()}

@@ -5,25 +5,17 @@ certifies.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import least_rho
+from lockstep.lmi.analysis.unit_scaling import claim_at, scaled
 from lockstep.lmi.shapes import GainBlocks
 
 DOUBLINGS, HALVINGS = 20, 10
 """At most so many doublings of alpha to bracket the largest one, and halvings of the bracket: to 0.1 %."""
-
-
-def claim_at(claim: Claim, *, alpha: float | None = None, fraction_of_delta: float = 1.0) -> Claim:
-    """Return an easier or harder claim, for continuation: the entries are scaled as alpha is."""
-    alpha = claim.alpha if alpha is None else alpha
-    part = alpha / claim.alpha if claim.alpha else 1.0
-    entries = tuple(replace(one, bound=part * one.bound) for one in claim.entries)
-    return replace(claim, alpha=alpha, delta=claim.delta * fraction_of_delta, entries=entries)
 
 
 def largest_alpha(
@@ -52,7 +44,11 @@ def largest_alpha(
 
 
 def largest_fraction(loop: Loop, K: GainBlocks, claim: Claim, known: float) -> float:
-    """Return the largest part of alpha and delta, both scaled alike, that has a certificate, from a known one up."""
+    """Return the largest part of alpha and delta, both scaled alike, that has a certificate, from a known one up.
+
+    Looked for in the units of the search: in metres and pascals the solver finds none for gains that carry most of it.
+    """
+    loop, claim, _ = scaled(loop, claim)
 
     def carried(part: float) -> bool:
         some = claim_at(claim, alpha=part * claim.alpha, fraction_of_delta=part)

@@ -19,7 +19,6 @@ from jaxtyping import Float
 
 from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop, Plant
-from lockstep.lmi.analysis.margins import claim_at
 from lockstep.model.loop_transformation.natural_units import natural_units
 
 
@@ -100,6 +99,14 @@ def scaled(loop: Loop, claim: Claim) -> tuple[Loop, Claim, Units]:
     W, noise, claim = claim.W / cost, claim.outputs / e, claim_at(claim, alpha=claim.alpha / a)
     claim = replace(claim, R=R / cost, Q=Q / cost, W=W, outputs=noise)
     return new, claim, Units(gains, state, time, (g / a) ** 2, cost, e)
+
+
+def claim_at(claim: Claim, *, alpha: float | None = None, fraction_of_delta: float = 1.0) -> Claim:
+    """Return an easier or harder claim, for continuation: the entries are scaled as alpha is."""
+    alpha = claim.alpha if alpha is None else alpha
+    part = alpha / claim.alpha if claim.alpha else 1.0
+    entries = tuple(replace(one, bound=part * one.bound) for one in claim.entries)
+    return replace(claim, alpha=alpha, delta=claim.delta * fraction_of_delta, entries=entries)
 
 
 def plant_in_units(

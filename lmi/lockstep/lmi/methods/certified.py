@@ -18,7 +18,6 @@ from lockstep.lmi.analysis.fundamental_limits import (
 )
 from lockstep.lmi.analysis.margins import largest_fraction
 from lockstep.lmi.analysis.rounding import prove, short_gains
-from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.lmi.diagnosis.active_constraint import hint, hint_of_stability
 from lockstep.lmi.floor.bisection import proves_that_none_carries
 from lockstep.lmi.initial_set_design import with_larger_set
@@ -429,8 +428,7 @@ def _nothing_at_all(
 def _part_only(problem: Problem, network: Network, asked: str, claim: Claim, nearest: Homotopy) -> Infeasible:
     """Certify how far the nearest gains carry."""
     with one_thread():
-        loop, scaled_claim, _ = scaled(network.loop(problem.order), claim)
-        part = largest_fraction(loop, nearest.point.K, scaled_claim, nearest.certified)
+        part = largest_fraction(network.loop(problem.order), nearest.point.K, claim, nearest.certified)
     said, why = hint(problem, network, claim)
     delta = " and delta" if claim.delta.any() else ""
     reached = "nearly all" if part > NEARLY_ALL else f"{part:.3g}"

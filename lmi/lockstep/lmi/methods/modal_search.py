@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.lmi.analysis.margins import claim_at
+from lockstep.lmi.analysis.unit_scaling import claim_at
 from lockstep.lmi.methods.modal_witness import ModalWitness, fine_witness
 from lockstep.lmi.search.common_gains import ModalSearch
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 from lockstep.check.continuous.inequality import Certificate
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P, least_rho
-from lockstep.lmi.analysis.margins import claim_at, largest_alpha
+from lockstep.lmi.analysis.margins import largest_alpha
+from lockstep.lmi.analysis.unit_scaling import claim_at
 from lockstep.lmi.search.barrier import BarrierPoint, NewtonLimits
 from lockstep.lmi.search.random_start import GainSearch, Score
 from lockstep.lmi.search.stopping import NEVER, Deadline

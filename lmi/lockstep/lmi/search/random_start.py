@@ -19,8 +19,7 @@ from lockstep.check.continuous.inequality import Certificate, Claim
 from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P, least_rho
 from lockstep.lmi.analysis.gain_limit import limited
-from lockstep.lmi.analysis.margins import claim_at
-from lockstep.lmi.analysis.unit_scaling import Units, scaled
+from lockstep.lmi.analysis.unit_scaling import Units, claim_at, scaled
 from lockstep.lmi.search.barrier import BarrierPoint, InteriorProgram, NewtonLimits
 from lockstep.lmi.search.common_gains import ModalSearch
 from lockstep.lmi.search.smoothed_norm import (
@@ -207,7 +206,8 @@ def _with_a_state_more(search: GainSearch, lower: GainSearch, seed: int, index: 
         return None
     norm, limit, theirs, ours = search.norm, search.gain_limit, lower.units, search.units
     drawn = np.random.default_rng([seed, index]).standard_normal(norm.shape) * ours.gains
-    drawn[:] = drawn if np.ptp(at.K, axis=0).any() else drawn[0]  # equal gains stay so
+    if not np.ptp(at.K, axis=0).any():
+        drawn[:] = drawn[0]  # equal gains stay so
     drawn[:, 1:, 1:] = drawn[:, 0, 0] = 0.0
     if not ours.pair_weight:
         return None  # it underflows, of rates of 1e300

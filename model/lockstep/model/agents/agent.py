@@ -242,6 +242,11 @@ class Agent:
         return ca.Function("dynamics", [self.x, self.u, self.t], [rhs], ["x", "u", "t"], ["dx"])
 
     @property
+    def shown_units(self) -> dict[str, str]:
+        """Units as they stand behind a number or a name: none for a pure number, whose unit in the file is "1"."""
+        return {name: unit for name, unit in self.units.items() if unit != "1"}
+
+    @property
     def box(self) -> Float[np.ndarray, "n 2"]:
         """The domain as lower and upper bounds by state, infinite where none is given."""
         return np.array([self.domain.get(state, UNBOUNDED) for state in self.states], dtype=float)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.model.agents.arguments import arguments_text
+from lockstep.model.assembly import claimed_slopes
 from lockstep.model.bound_search import Bound
 from lockstep.model.checks.report import CheckRow, Outcome
 from lockstep.model.control.pbh import lost_modes
@@ -72,11 +73,8 @@ def slowest_lost_mode(network: Network, alpha: float, entries: Sequence[Entry]) 
 
 def check(problem: Problem, network: Network, bound: Bound) -> Iterator[CheckRow]:
     """Yield a row where such a mode forbids a certificate, or the decay asked for, or is all that agents do by themselves."""
-    table = problem.design
-    asked = table.decay or 0.0
-    alpha, entries = (table.alpha, ()) if table.alpha is not None else (bound.alpha, bound.entries)
-    lost = slowest_lost_mode(network, alpha, entries)
-    if table.objective != "alpha" and lost and (lost.decay <= asked or lost.slowest):
+    lost, asked = slowest_lost_mode(network, *claimed_slopes(problem, bound)), problem.design.decay or 0.0
+    if problem.design.objective != "alpha" and lost and (lost.decay <= asked or lost.slowest):
         never = f"no decay beyond {lost.decay:.4g} 1/s is" if lost.decay > 0 else "no agreement is"
         verdict: Outcome = "fails" if lost.decay <= asked else "note"
         yield CheckRow(NAME, verdict, f"{lost.said}: {never} certified", REASON)
