@@ -23,9 +23,10 @@ Natural units are those in which the numbers of plant and R are nearest to one (
 actuators' limits, with the unit of time in which actuators move the outputs as far as they are apart at first, with that of
 u which moves a state by one in it, and with weights and disturbances of the states in them always, so that an agent in m is
 given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where
-no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice (four
-times where a decay is asked for that half of the actuators may not reach), and then stability and decay are not asked
-for. What was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
+no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice, of gains
+within the actuators' limits first to 1.5 times these (and to 5 times, where a decay is asked for that half of the actuators
+may not reach), and then stability and decay are not asked for. What was taken is written into the problem: a design file
+names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -55,7 +56,7 @@ HALF = 0.5
 """Of what the actuators can, for what r becomes on the way: the initial states say what it is at first."""
 
 SIZED = ((1.0, "half of"), (3.0, "1.5 times"), (10.0, "5 times"))
-"""Times gains within half of the actuators' limits: larger ones are tried where a decay is asked for, which may be all."""
+"""Times gains within half of the actuators' limits: the last where a decay is asked for alone, which may take all of them."""
 
 VERY_HIGH = 10.0
 """Times the high limit, which is a norm that holds A_C in 1/s beside gains from y to u: what fast plants in SI units need."""
