@@ -14,6 +14,7 @@ from lockstep.check.system.loop import Gains
 from lockstep.model import Agent, Graph, Network
 from lockstep.model.simulation import Diverged, Scenario, noise, simulate
 from lockstep.model.simulation.disturbance import Samples, Sines, Steps
+from lockstep.model.simulation.divergence import check_bounded
 from lockstep.model.simulation.equations import closed_loop
 from lockstep.model.simulation.perturbation import PaperPerturbation
 
@@ -194,6 +195,16 @@ def test_an_agent_that_leaves_its_domain_and_then_diverges_is_said_to_have_left(
     left = re.search(r"at (\S+) s$", str(caught.value))
     assert float(left[1]) == pytest.approx(0.5, abs=2e-3)
     assert caught.value.figures["time"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("gone", "left"), [(-3e9, "; a2 left the domain: x = -3e+09 at 2 s"), (np.nan, "")])
+def test_an_agent_that_leaves_its_domain_and_diverges_between_two_records_left_it(gone: float, left: str):
+    """Of random problem 20811 such a run counted as a claim that is false; what is no number left nothing that is known."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    agent = Agent(name="a", x=x, u=u, rhs=x**2 + u, y=x, states=("x",), domain={"x": (-2.0, 2.0)})
+    with pytest.raises(Diverged) as caught:
+        check_bounded(np.array([0.0, 2.0]), np.array([[[0.0], [1.0]], [[0.0], [gone]]]), agent)
+    assert str(caught.value).partition("at t = 2 s")[2] == left
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def check_bounded(
         return
     k, i, j = (int(index) for index in np.argwhere(gone)[0])
     k += len(t) - len(gone)
-    left = left_domain(t[:k], x[:k], agent)
+    left = left_domain(t[: k + 1], x[: k + 1], agent)
     raise Diverged(
         f"the loop diverges: {agent.states[j]} of {agent.name}{i + 1} is beyond {beyond(agent):.1g} at t = {t[k]:.6g} s"
         + (f"; {left}" if left else ""),
@@ -55,7 +55,7 @@ def left_domain(t: Float[np.ndarray, " K"], x: Float[np.ndarray, "K N n"], agent
     H, box = agent.lure.H, agent.argument_box
     with np.errstate(invalid="ignore"):
         v = x @ H.T
-        outside = np.argwhere(~((v >= np.asarray(box.lower)) & (v <= np.asarray(box.upper))))
+        outside = np.argwhere((v < np.asarray(box.lower)) | (v > np.asarray(box.upper)))
     if not len(outside):
         return ""
     k, i, l = (int(index) for index in outside[0])
