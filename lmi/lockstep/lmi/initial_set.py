@@ -79,12 +79,14 @@ class InitialStates(InitialSet):
         names = {one[0]: one[1] for one in named if len(one) == 2 and "..." not in one[1]}
         inside = re.sub(r"\bv\d+\b", lambda found: names.get(found[0], found[0]), box_text(self.inner))
         axes = f", or {axes_text(self.half_axes, self.states, self.units)}," if self.half_axes else ""
+        v = f"v{self.argument}"
+        first = f"; {names.get(v, v)} of agent {self.agent} limits it" * bool(self.agent)
         return (
-            f"agent {self.leader} leads. While it moves by itself, with no command of its own, and stays in {inside}, every "
-            f"agent stays in its domain, and all agree, "
+            f"agent {self.leader} leads. While it moves by itself, with no command of its own, and stays in {inside} "
+            "([network] leader), every agent stays in its domain, and all agree, "
             f"from |x_d(0)| <= {below(self.radius)}{axes} with all controllers at rest "
             f"(|x_d|^2 = sum |x_i - mean|^2), or from V(0) <= {below(self.level)} with the leader's at rest: proved of the "
-            "continuous controllers, not of the sampled ones"
+            f"continuous controllers, not of the sampled ones{first}"
         )
 
     def document(self) -> dict[str, Any]:

@@ -42,7 +42,8 @@ def largest_initial_states(
     if network.spectrum is not None:
         return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself"), None
     if not claim.performance.covers_xi:
-        said = "[design.disturbances] leaves states out, or has scales below 1, so that rho is no gain from all of xi"
+        low = ", ".join(np.array(network.agent.states)[claim.performance.states < 1])
+        said = f"[design.disturbances] has no scale of 1 or more for {low}, so that rho is no gain from all of xi"
         return Unavailable(said), None
     plain = initial_states(network, certificate, inner=inner)
     if isinstance(plain, Unavailable) or isinstance(certificate, ModalCertificate):

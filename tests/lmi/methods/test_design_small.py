@@ -15,12 +15,14 @@ from lmi_cases import DOUBLE_INTEGRATOR, problem
 
 from lockstep.check.errors import BoundNotProved, Infeasible, NotCertified, ProblemError
 from lockstep.check.floor.witness import FloorWitness
+from lockstep.check.system.loop import Gains
 from lockstep.lmi.design import design
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import design_file_of, parse
 from lockstep.lmi.methods import certified
-from lockstep.lmi.proposal import Proposal
+from lockstep.lmi.proposal import Proposal, proved_bound
 from lockstep.lmi.search import SearchResult
+from lockstep.model.assembly import network_of
 from lockstep.model.problem import Problem
 
 PATH_2 = 'agents = 2\ntopology = "path"'
@@ -170,6 +172,18 @@ def test_a_leader_that_hears_no_one_is_in_the_way_of_neither_a_decay_nor_a_small
     if decay:
         assert made.guarantees.decay is not None
         assert made.guarantees.decay[0] >= decay
+
+
+@pytest.mark.parametrize(("B", "C", "idle"), [(0.0, 3.0, True), (2.0, 0.0, True), (2.0, 3.0, False)])
+def test_a_state_that_reads_nothing_or_moves_nothing_is_as_fast_as_it_may_be(
+    B: float, C: float, idle: bool
+) -> None:
+    """Behind B_C = 0 or C_C = 0 it is no part of u: its own rate was what a decay was proved of."""
+    small = problem(dynamics={"p": "u"}, outputs={"y1": "p"}, network=PATH_2, design="order = 1")
+    network = network_of(small, proved_bound(small))
+    gains = Gains.from_blocks(np.array([[[-0.3, B], [C, -1.0]]] * 2), 1)
+    found = certified.without_idle_parts(gains, network, fastest=9.0)
+    np.testing.assert_array_equal(found.blocks[0], [[-9.0, 0.0], [0.0, -1.0]] if idle else gains.blocks[0])
 
 
 SHAPES = {

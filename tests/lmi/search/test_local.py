@@ -153,7 +153,8 @@ def test_what_does_not_fit_is_refused(net, certificate):
 
 def test_it_is_said_in_words_and_in_json(found):
     assert "agent 1 leads" in found.text()
-    assert "-0.6 <= p <= 0.6" in found.text()
+    assert "-0.6 <= p <= 0.6 ([network] leader)" in found.text()
+    assert f"; p of agent {found.agent} limits it" in found.text()
     # Arguments and states may be called alike: each is replaced once.
     swapped = replace(found, arguments="v1 = v2, v2 = v3 ... 2*v4")
     assert "-0.6 <= v2 <= 0.6" in swapped.text()

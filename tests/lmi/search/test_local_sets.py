@@ -126,6 +126,13 @@ def test_an_initial_set_that_no_gains_can_have_is_refused_before_a_search(root, 
         Problem.from_document(text)
 
 
+def test_states_that_rho_is_no_gain_from_are_named(net, certificate):
+    claim = claim_of(net)
+    for scales, low in (((0.5, 1.0), "p"), ((0.0, 0.0), "p, v")):
+        told, _ = largest_initial_states(net, GAINS, replace(claim, states=np.array(scales)), certificate)
+        assert f"has no scale of 1 or more for {low}, so that" in told.text()
+
+
 def test_a_leader_that_keeps_to_less_leaves_more_to_the_others(net, certificate, own):
     text = asked(order=1).document()
     text["network"]["leader"] = {"p": [-0.2, 0.2]}

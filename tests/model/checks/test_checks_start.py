@@ -87,3 +87,15 @@ def test_agents_that_leave_their_domain_by_themselves_within_a_period_are_noted(
     assert [row.figure for row in outside] == [
         "v of agent 1 is 50, outside of [agent.domain], -10 <= v <= 10"
     ]
+
+
+@pytest.mark.parametrize(("agents", "leaves"), [("leader_path", True), ("cycle", False)])
+def test_a_leader_that_leaves_its_domain_by_itself_within_the_run_is_noted(agents: str, leaves: bool):
+    """p' = v, v' = u - v + 2 from rest: p = 2 (t - 1 + exp(-t)), which passes 10 at t = 6 - exp(-6) s."""
+    text = TEXT.replace('v = "u - v"', 'v = "u - v + 2 + 1e-9*sin(p)"').replace('"cycle"', f'"{agents}"')
+    text = text.replace("[network]", "domain = { p = [-10.0, 10.0] }\n[network]")
+    starts = "[simulation]\ninitial = [[0.0, 0.0], [1.0, 0.0]]\nhorizon = "
+    said = [row.figure for row in initial(Problem.parse(text + starts + "20.0"))]
+    assert ["agent 1 leads and gets no u: left to itself, " in one for one in said] == [True] * leaves
+    assert all("left the domain: p = 10" in one and " at 6 s" in one for one in said)
+    assert not list(initial(Problem.parse(text + starts + "5.9")))

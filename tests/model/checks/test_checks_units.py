@@ -81,6 +81,15 @@ def test_degrees_celsius_differ_from_kelvins_by_no_factor():
         check_units(spring(heated, {**units, "c": "degF"}))
 
 
+def test_degrees_celsius_beside_kelvins_are_noted():
+    heated = {"x": "v", "v": "(u - k*(x - c))/m"}
+    units = {"x": "degC", "v": "K/s", "u": "W", "k": "W/K", "c": "K", "m": "J s/K", "y1": "degC"}
+    (told,) = rows(heated, units, parameters=dict.fromkeys("kcm", 2.0))
+    assert (told.name, told.verdict) == ("units", "note")
+    assert told.figure.startswith("c is in K and x in degC: 0 degC is 273.15 K")
+    assert rows(heated, {**units, "c": "degC"}, parameters=dict.fromkeys("kcm", 2.0)) == []
+
+
 def test_a_number_may_hold_the_factor_of_a_unit():
     """pi/180 and 3.6: what is multiplied by a number has the factor that the number is there for."""
     turned = {**SPRING, "v": "u/m - k/m*x*sin(c*pi/180)"}

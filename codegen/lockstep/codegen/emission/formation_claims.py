@@ -49,6 +49,4 @@ def two_digits(value: float | None) -> str:
     >>> two_digits(4177144.9)
     '4.2e+06'
     """
-    if value is None:
-        return "an unclaimed number of"
-    return above(value, 2)
+    return "an unclaimed number of" if value is None else above(value, 2)

@@ -153,7 +153,7 @@ def _uncovered(
     if (trajectory.xi - trajectory.xi[:, :1])[..., unnamed].any():
         return "rho is a gain from the states named in [design.disturbances], and the run disturbs others"
     if not scenario.channel.is_ideal:
-        return "the certificate is for messages that all arrive at once, as they were sent"
+        return "rho is proved for messages that all arrive at once, as they were sent"
     if trajectory.faults:
         return f"{trajectory.faults} steps reported a fault"
     if trajectory.clipped:

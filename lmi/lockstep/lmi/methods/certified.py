@@ -313,23 +313,22 @@ def _proved(
 
 
 def without_idle_parts(gains: Gains, network: Network, fastest: float) -> Gains:
-    """Return the gains with the controllers of agents without incoming edges set to x_C' = -fastest x_C, u = 0.
+    """Return gains with idle states of controllers set to x_C' = -fastest x_C, and u = 0 of agents without incoming edges.
 
-    Such an agent's r is 0 for ever: whatever the search left in its controller is noise. Its state decays as fast as it may,
-    or it would be the slowest mode of the loop: the decay that is proved is that of all states.
+    The r of such an agent is 0 for ever: whatever the search left in its controller is noise; with B_C = 0 or C_C = 0 a
+    controller's state is. It decays as fast as it may, or would be the slowest mode: the decay proved is that of all states.
 
     Args:
         gains, network: of the design.
         fastest: 1/s, within the gain limit.
     """
-    deaf = [i for i, degree in enumerate(network.graph.in_degrees) if degree == 0]
-    if not deaf:
-        return gains
-    blocks = gains.blocks.copy()
-    for i in deaf:
-        blocks[i] = 0.0
-        blocks[i, : gains.order, : gains.order] = -fastest * np.eye(gains.order)
-    return Gains.from_blocks(blocks, gains.order)
+    blocks, n_C = gains.blocks.copy(), gains.order
+    blocks[network.graph.in_degrees == 0] = 0.0
+    for K in blocks:
+        if not (K[:n_C, n_C:].any() and K[n_C:, :n_C].any()):
+            K[:n_C] = K[:, :n_C] = 0.0
+            K[:n_C, :n_C] = -fastest * np.eye(n_C)
+    return gains if np.array_equal(blocks, gains.blocks) else Gains.from_blocks(blocks, gains.order)
 
 
 def refuse_the_impossible(problem: Problem, network: Network, claim: Claim) -> None:

@@ -16,13 +16,20 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.errors import ProblemError
+from lockstep.check.system.loop import Gains
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import middle, state_sizes
 from lockstep.model.checks.proved.dimensions import check_units
 from lockstep.model.checks.report import CheckRow
+from lockstep.model.graphs.graph import Graph
 from lockstep.model.loop_transformation.natural_units import step_response
+from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import AgentTable
+from lockstep.model.simulation.divergence import Diverged, left_domain
+from lockstep.model.simulation.from_problem import step_of
+from lockstep.model.simulation.run import simulate
+from lockstep.model.simulation.scenario import Scenario
 
 LONG = 0.6
 """Rad of the fastest oscillation in a period: the long end of the rule."""
@@ -37,6 +44,8 @@ FAR = 1e6
 TURN = 2 * math.pi
 
 RADIANS, DEGREES = ("rad", "radian", "radians"), ("deg", "degree", "degrees", "\N{DEGREE SIGN}")
+
+TEMPERATURES = ("K", "kelvin"), ("degC", "celsius", "\N{DEGREE SIGN}C")
 
 _ANGLES = (ca.OP_SIN, ca.OP_COS, ca.OP_TAN)
 
@@ -114,6 +123,12 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         if refuse:
             raise wrong from None
         yield CheckRow("units", "note", f"{wrong}; `check` and `build` refuse it", reason)
+    kelvin, celsius = (
+        [x for x, unit in problem.file.agent.units.items() if unit in of] for of in TEMPERATURES
+    )
+    if kelvin and celsius:
+        figure = f"{kelvin[0]} is in K and {celsius[0]} in degC: 0 degC is 273.15 K, and a formula takes them as one unit"
+        yield CheckRow("units", "note", figure, "a temperature that is 273 off is seldom the plant")
     if factors := ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent))):
         figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"
         hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
@@ -171,7 +186,7 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
             yield CheckRow(
                 name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
             )
-    yield from _left_alone(agent, starts, problem.controller.period)
+    yield from list(_left_alone(agent, starts, problem.controller.period)) or _leads_away(problem)
     where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
     if len(where):
         i, j = where[0]
@@ -201,6 +216,25 @@ def _left_alone(agent: Agent, starts: Float[np.ndarray, "N n"], T: float) -> Ite
             figure += f" {high[j] - low[j]:g} wide: is a number of [agent] wrong?"
             yield CheckRow("initial states", "note", figure, why)
             return
+
+
+def _leads_away(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where a leader, of which u = 0 unless it has a reference, leaves its domain within the run."""
+    leads = np.flatnonzero(problem.graph().in_degrees == 0)[:1]
+    if not len(leads) or problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
+        return
+    two, t = Network(problem.agent(), Graph.topology("path", 2)), problem.simulation.horizon
+    idle = Gains.from_blocks(np.zeros((2, two.agent.m, two.agent.q)), 0)
+    start = problem.initial_states()[[*leads, *leads]]
+    try:
+        run = simulate(two, idle, Scenario(start, t, step_of(problem, t, held=True)))
+        left = left_domain(run.t, run.x[:, :1], two.agent)
+    except Diverged as error:
+        left = str(error)
+    if left:
+        figure = f"agent {leads[0] + 1} leads and gets no u: left to itself, {left}"
+        why = "the others follow it; of agents that leave their domain by themselves nothing is proved"
+        yield CheckRow("initial states", "note", figure, why)
 
 
 def angles(agent: Agent) -> set[int]:
