@@ -362,6 +362,34 @@ def test_what_to_change_is_the_last_line_of_a_build_that_falls_short(monkeypatch
     ]
 
 
+HELD = """
+[agent]
+states = ["p", "v"]
+inputs = ["u"]
+dynamics = { p = "v", v = "u" }
+outputs = { y1 = "p", y2 = "v" }
+[network]
+agents = 2
+topology = "path"
+[design]
+method = "given"
+decay = DECAY
+gains = [{ A = [], B = [], C = [[]], D = [[-0.5, -1.0]] }, { A = [], B = [], C = [[]], D = [[-0.5, -1.0]] }]
+[controller]
+period = 0.5
+"""
+
+
+@pytest.mark.parametrize(("decay", "kept"), [(0.7, True), (0.9, False)])
+def test_a_decay_that_what_ships_does_not_keep_is_a_claim_that_does_not_hold(decay, kept, run, tmp_path):
+    """(s + 1)^2 keeps 0.9 1/s; held for 0.5 s it is z^2 - 0.875 z + 0.125, whose root 0.6952 is 0.727 1/s."""
+    (tmp_path / "p.toml").write_text(HELD.replace("DECAY", str(decay)))
+    result = run("design", "p.toml", "-o", "d.json")
+    assert result.exit_code == (0 if kept else 1)
+    assert ("NOT the 0.9 1/s" in " ".join(result.output.split())) is not kept
+    assert (tmp_path / "d.json").exists(), "the continuous controllers are certified, and may be looked at"
+
+
 def test_another_period_is_told_as_one_that_is_certified():
     """Beside a NO it is the period at which the gains are certified, none at which they fail as well."""
     refused = {"certified": False, "reason": "the gain is 1.3", "period": 0.2, "max_period": 0.03}
@@ -372,7 +400,8 @@ def test_another_period_is_told_as_one_that_is_certified():
         "certified at 0.25 s, little above the period"
     )
     assert (
-        sampled_text(proved | {"rate": 0.5, "rate_asked": 1.0}).count(", 0.5 1/s of the 1 1/s asked for") == 1
+        sampled_text(proved | {"rate": 0.5, "rate_asked": 1.0}).count(", 0.5 1/s, NOT the 1 1/s asked for")
+        == 1
     )
 
 

@@ -36,9 +36,11 @@ STATIC_SAID = (
 def run(path: Path, output: Path | None, **options: Any) -> Answer:
     """Design, prove, and write the design file, and what rho costs if asked for: the options are those of `lockstep.design`.
 
-    The exit status is 1 where the sampled controllers are not certified; the file is written all the same.
+    The exit status is 1 where the sampled controllers are not certified, or not with the decay that is asked for; the file is
+    written all the same.
     """
     import lockstep
+    from lockstep.workflow.build import unproved
 
     with left_from_before(output), progress_display() as tell, keeping_the_best(remark) as stop:
         found = lockstep.design(path, output=output, **options, progress=tell, remark=remark, stop=stop)
@@ -47,7 +49,7 @@ def run(path: Path, output: Path | None, **options: Any) -> Answer:
     wrote(output, options.get("trade_off"))
     said = found.document()
     survived = said.get("messages", {"certified": True})["certified"]
-    return Answer(said, summary(said), found.sampled["certified"] is True and survived)
+    return Answer(said, summary(said), not unproved(found.sampled) and survived)
 
 
 def sampled_text(sampled: Mapping[str, Any]) -> str:
@@ -59,15 +61,10 @@ def sampled_text(sampled: Mapping[str, Any]) -> str:
     if sampled["certified"]:
         gain = f", rho {sampled['rho']:.6g}" if sampled.get("rho") else ""
         rate, asked = sampled.get("rate") or 0.0, sampled.get("rate_asked") or 0.0
-        gain += (f", {rate:g} 1/s" + f" of the {asked:g} 1/s asked for" * (rate < asked)) * bool(rate)
+        gain += (f", {rate:g} 1/s" + f", NOT the {asked:g} 1/s asked for" * (rate < asked)) * bool(rate)
         made = ", designed for it" if sampled.get("designed_for_period") else ""
         return f"yes, every {sampled['period']:g} s{made}{gain}, rounding included, proof: {sampled['proof']}{reach}"
     return f"NO: {sampled.get('reason') or 'not looked at'}{reach}"
-
-
-def _where(content: Mapping[str, Any]) -> dict[str, str]:
-    local = content.get("scope") == "local"
-    return {"holds": LOCAL, "initial states": content["initial_set"]["text"]} if local else {}
 
 
 def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
@@ -87,11 +84,9 @@ def _unlike_one(value: Any) -> Any:
 
 
 def _cut(figures: Mapping[str, Any]) -> dict[str, str]:
-    limit = None if figures.get("interrupted") else figures.get("time_limit")
-    if limit is None and not figures.get("interrupted"):
-        return {}
-    cut = "interrupted" if limit is None else f"cut by the limit of {limit:g} s"
-    return {"search": f"{cut}: which gains it had found by then depends on the machine"}
+    limit = figures.get("time_limit")
+    cut = "interrupted" if figures.get("interrupted") else limit and f"cut by the limit of {limit:g} s"
+    return {"search": f"{cut}: which gains it had found by then depends on the machine"} if cut else {}
 
 
 def proved_besides(
@@ -150,7 +145,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     part, soft = figures["part_of_states"], figures.get("static_response")
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
-    yes = f"{'yes' if ships else ONLY}, proof: {content['proof']}"
+    yes, local = f"{'yes' if ships else ONLY}, proof: {content['proof']}", content.get("scope") == "local"
     return two_columns(
         content["title"],
         {
@@ -158,7 +153,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             "certified": yes if content["certified"] else "no",
             "rho": f"{content['rho']:.6g}",
             "alpha": f"{content['alpha']:.9g}{units_text(content.get('scales', {}).values())}",
-            **_where(content),
+            **({"holds": LOCAL, "initial states": content["initial_set"]["text"]} if local else {}),
             **proved_besides(content),
             **({"gain uncertainty": fragility} if fragility else {}),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),

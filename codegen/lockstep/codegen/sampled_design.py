@@ -107,14 +107,10 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
         if splits(stored) and (stored.problem.messages is None or stored.problem.spectrum is not None):
             modes = prove_modes_of(stored, sector(stored, stored.problem.agent().lure))
             return HeldVerdict(modes.verdict, modes.longest, modes.rho, fastest=modes.fastest)
-        network = sampled_network(stored)
-        controllers = sampled_controllers(stored, period)
+        guess = _guess(stored) if guess is None else guess
+        network, controllers, verdict = prove_agreement(stored, guess)
     except (BoundNotProved, ProblemError) as error:
         return HeldVerdict(SampledVerdict(False, str(error), period, delay))
-    if guess is None:
-        guess = _guess(stored)
-    known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    verdict = certify_sampled(network, controllers, guess, witness=known)
     rho = None
     if verdict.certified:
         weights = stored.problem.performance
@@ -122,18 +118,23 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
     reach = _longest_stated(stored, network) or longest_period(stored, network, guess)
     if verdict.certified and (reach is None or reach.period < verdict.period):
         reach = verdict
-    found = HeldVerdict(verdict, reach, rho)
     if verdict.witness is None:
-        return found
+        return HeldVerdict(verdict, reach, rho)
     fast, proved = stored.proofs.sampled_decay, (verdict.witness, rho and rho.witness, stored.proofs.decay)
     tried = [one.m for one in proved if isinstance(one, Witness | Certificate)]
-    own = {"witness": fast if isinstance(fast, Witness) else None}
-    found = replace(found, fastest=certify_decay(network, controllers, tried, verdict.decay, **own))
-    return replace(found, messages=prove_messages(stored, network, controllers, verdict.witness, rho))
+    asked = float(np.exp(-2.0001 * (stored.problem.design.decay or 0.0) * period))
+    own = [fast] if isinstance(fast, Witness) else []
+    fastest = certify_decay(network, controllers, tried, verdict.decay, asked, own)
+    messages = prove_messages(stored, network, controllers, verdict.witness, rho)
+    return HeldVerdict(verdict, reach, rho, fastest=fastest, messages=messages)
 
 
-def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
+def prove_agreement(
+    stored: Stored, guess: PairWeights | None = None
+) -> tuple[SampledNetwork, tuple[HeldController, ...], SampledVerdict]:
     """Return the network and the controllers of a design, and what is proved of them where all messages arrive.
+
+    guess: pair weights to start from; by default those of the design.
 
     Raises:
         BoundNotProved: alpha does not bound the nonlinearity, or an entry does not bound its slope.
@@ -142,7 +143,8 @@ def prove_agreement(stored: Stored) -> tuple[SampledNetwork, tuple[HeldControlle
     network = sampled_network(stored)
     controllers = sampled_controllers(stored, stored.problem.controller.period)
     known = stored.proofs.sampled if isinstance(stored.proofs.sampled, Witness) else None
-    return network, controllers, certify_sampled(network, controllers, _guess(stored), witness=known)
+    m = _guess(stored) if guess is None else guess
+    return network, controllers, certify_sampled(network, controllers, m, witness=known)
 
 
 def with_sampled(stored: Stored, held: HeldVerdict, **remarks: Any) -> Stored:

@@ -158,11 +158,15 @@ def unproved(sampled: Mapping[str, Any]) -> list[str]:
     []
     >>> unproved({"certified": False, "reason": "at 0.2 s the gain is 1.3", "max_period": 0.03})
     ['the sampled controllers are not certified: at 0.2 s the gain is 1.3; they are at a period of 0.03 s']
+    >>> unproved({"certified": True, "rate": 0.044, "rate_asked": 0.2})
+    ['0.044 1/s is proved of the sampled controllers, not the 0.2 1/s of [design] decay']
     """
     from lockstep.codegen.sampled_design import NOT_FOR_PERIOD
 
     if sampled.get("certified") is True:
-        return []
+        rate, asked = sampled.get("rate") or 0.0, sampled.get("rate_asked") or 0.0
+        said = f"{rate:g} 1/s is proved of the sampled controllers, not the {asked:g} 1/s of [design] decay"
+        return [said] * (rate < asked)
     longest, failed = sampled.get("max_period"), sampled.get(NOT_FOR_PERIOD)
     reach = f"; they are at a period of {longest:g} s" if longest else ""
     reach += f"; no gains were designed for the period: {failed}" if failed else ""

@@ -92,18 +92,22 @@ def candidates(loop: SampledLoop, one: Lifted, m: PairWeights, *, thorough: bool
         yield from (witness for _, witness in sorted(found, key=lambda pair: pair[0]))
 
 
-def fastest_candidates(loop: SampledLoop, one: Lifted, weights: Sequence[PairWeights]) -> Iterator[Witness]:
+def fastest_candidates(
+    loop: SampledLoop, one: Lifted, weights: Sequence[PairWeights], asked: float
+) -> Iterator[Witness]:
     """Yield witnesses for some pair weights, those that decay the fastest first, whatever noise they pass on.
 
     Args:
         loop, one: in doubles, of a linear loop that is stable.
         weights: each tried for each decay.
+        asked: a factor of V in a period, below 1 if one is asked for: tried as well.
     """
     lifted = [copies(one, multiplier(loop.network.d, m)) for m in weights]
     radius = float(np.abs(np.linalg.eigvals(step_matrix(loop, lifted[0])[:, : loop.n_x])).max())
-    for part in FASTEST:
+    spreads = {(1 - asked) / CLAIMED, *(1 - radius ** (2 * part) for part in FASTEST)}
+    for spread in sorted((one for one in spreads if 0 < one < 1), reverse=True):
         for m, one_M in zip(weights, lifted, strict=True):
-            yield from islice(_Search(loop, one_M, m, 1 - radius ** (2 * part)).witnesses(), 1)
+            yield from islice(_Search(loop, one_M, m, spread).witnesses(), 1)
 
 
 def _promised(witness: Witness) -> float:

@@ -104,22 +104,22 @@ def certify_decay(
     controllers: tuple[HeldController, ...],
     weights: Sequence[PairWeights],
     slow: float,
-    *,
-    witness: Witness | None = None,
+    asked: float = 1.0,
+    known: Sequence[Witness] = (),
 ) -> SampledVerdict | None:
     """Prove a decay of V that is less than `slow`, by a V of its own: one that bounds residuals well decays slowly.
 
     Args:
         network, controllers: of a loop that is certified.
         weights: pair weights to try.
-        slow: the factor of V in a period that is known.
-        witness: put to the proof before any is searched for.
+        slow: the factor of V in a period that is known;  asked: the one that is asked for.
+        known: put to the proof before any is searched for.
     """
     loop = in_doubles(network, controllers)
     one = period_in_doubles(loop)
-    positive = [np.maximum(m, LEAST * m.max()) for m in (first_guess(network.d, known) for known in weights)]
-    found = iter(()) if one is None else fastest_candidates(loop, one, positive)
-    for trial in found if witness is None else chain([witness], found):
+    positive = [np.maximum(m, LEAST * m.max()) for m in (first_guess(network.d, of) for of in weights)]
+    found = iter(()) if one is None else fastest_candidates(loop, one, positive, asked)
+    for trial in chain(known, found):
         if trial.decay < slow and (verdict := decide_sampled(network, controllers, [trial])).certified:
             return verdict
     return None
