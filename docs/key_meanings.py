@@ -125,7 +125,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             " they are; lipschitz, theorem1, corollary1: of the literature",
             "",
         ),
-        "order": ("States of each controller; 0 is a static gain", "states"),
+        "order": (
+            "States of each controller; 0 is a static gain; absent: 0 where it will do, else 2 or more",
+            "states",
+        ),
         "weights": ("What rho weighs", ""),
         "disturbances": ("What rho is a gain from; absent: 1 on every state, no noise", ""),
         "decay": ("Every disagreement is to shrink at least as exp(-decay t), proved", "1/s"),

@@ -79,6 +79,34 @@ def test_gains_far_from_it_that_larger_ones_do_not_halve_are_kept_and_it_is_said
     assert made.figures["defaults"]["gain_limit"] < 50
 
 
+UNNAMED = problem(dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, network=PATH_2, design="starts = 1")
+"""No order: static gains are tried first."""
+
+
+def test_static_gains_near_a_floor_of_every_order_are_taken_where_no_order_is_named(led_to: Any) -> None:
+    """A floor is one of controllers of any order: states could not lower 1.2 floors by more than a sixth."""
+    made = led_to((1.2, 1.2), posed=UNNAMED)
+    assert made.problem.design.order == made.figures["defaults"]["order"] == 0
+
+
+def test_states_are_taken_where_they_lower_rho_by_a_tenth(led_to: Any) -> None:
+    made = led_to((1.3, 1.3), (1.2, 1.2), posed=UNNAMED)
+    assert (made.certificate.rho, made.problem.order) == (1.3, 0)
+    assert "rho was 1.2 times its lower bound" in made.figures["defaults"]["not_taken"]
+    made = led_to((1.3, 1.3), (1.1, 1.1), posed=UNNAMED)
+    assert (made.certificate.rho, made.problem.order) == (1.1, UNNAMED.order)
+    assert made.figures["defaults"]["given_up"].startswith("order 0, gain_limit ")
+    assert "order" not in made.figures["defaults"]
+
+
+def test_where_no_static_gains_are_found_states_are_as_before(led_to: Any) -> None:
+    made = led_to(None, (3.9, 4.0), posed=UNNAMED)
+    assert (made.certificate.rho, made.problem.order) == (3.9, UNNAMED.order)
+    # Two or more limits are compared as those of controllers with states are: by half.
+    made = led_to((34.0, 34.0), (33.0, 33.0), (20.0, 20.0), (3.0, 3.0), posed=UNNAMED)
+    assert (made.certificate.rho, made.problem.order) == (3.0, UNNAMED.order)
+
+
 def test_what_ships_is_compared_and_not_the_continuous_loop_alone(led_to: Any) -> None:
     """With rho 6 against 9 none is half as large; of the sampled loops it is 6.1 against 20, and then 6.1 against 13."""
     assert led_to((9.0, 20.0), (6.0, 6.1), (5.5, 5.5)).certificate.rho == 6.0

@@ -17,6 +17,8 @@ from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.specification.defaults import (
     FAR,
     MUCH,
+    NEAR,
+    STATES,
     VERY_FAR,
     Specification,
     defaults_of,
@@ -61,7 +63,8 @@ class _Tried:
         suffices = (
             spec.enough and best and best.floor and _over_floor(found, best) <= VERY_FAR < _over_floor(best)
         )
-        part = 1.0 if suffices else MUCH
+        as_large = len(self.said) == 1 and best and best.problem.order < spec.problem.order
+        part = 1.0 if suffices else STATES if as_large else MUCH
         if best is None or _shipped(found, best) < part * _shipped(best):
             before = "; ".join(filter(None, (*self.said, spec.not_asked)))
             self.best = found if spec.problem is self.problem else _with_remark(found, spec, before)
@@ -75,8 +78,8 @@ class _Tried:
         Of many agents with gains of their own another search takes many minutes. Of many graphs there is no floor.
         """
         best, again = self.best, self.taken < len(self.said)
-        if best is None:
-            return False
+        if best is None or spec.static:
+            return best is not None and bool(best.floor) and _over_floor(best) <= NEAR
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))
@@ -128,7 +131,9 @@ def first_near_its_floor(
                 raise
             stop.asked = True
         except (Infeasible, NotCertified, OutOfTime) as error:
-            first = first or str(error)  # what no controller can is said in the same words each time
+            first = first or str(error) * (
+                not spec.static
+            )  # what no controller can is said in the same words each time
             if tried.best is None and (last or stop.asked or _over(deadline)):
                 raise _after(error, first, tried.said, spec) from None
             tried.said.append(spec.with_limit(_came_to(error, problem.design.decay)))
@@ -185,5 +190,10 @@ def _with_remark(found: Proposal, spec: Specification, before: str) -> Proposal:
     problem = spec.problem
     if spec.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])
-    figures = found.figures | {"defaults": defaults_of(problem) | ({"given_up": before} if before else {})}
+    asked = (
+        ({"order": 0} if spec.static else {})
+        | defaults_of(problem)
+        | ({"given_up": before} if before else {})
+    )
+    figures = found.figures | {"defaults": asked}
     return replace(found, problem=problem, figures=figures)

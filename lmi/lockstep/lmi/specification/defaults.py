@@ -3,6 +3,8 @@
 The last third of rho costs large gains, controllers that are unstable by themselves, slow modes and noise. So where [design]
 names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and its method searches,
 
+    order               0 where static gains come within `NEAR` of the floor, which is that of controllers of any order, or
+                        states lower their rho by less than a tenth; else the usual one; unless it is named
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less for some entry, or in natural units
@@ -86,6 +88,10 @@ KEYS = ("gain_limit", "gain_units", "stable_controllers", "search_decay")
 FAR, MUCH = 4.0, 0.5
 """A rho above so many floors is far: gains within the next limit are taken if theirs is less than this part of it."""
 
+NEAR, STATES = 1.25, 0.9
+"""A rho of static gains below so many floors is near: states, of which the floor knows as well, could lower it by a fifth at
+most. Of other static gains controllers with states are taken where they lower rho to this part."""
+
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
 
@@ -94,17 +100,19 @@ class Specification(NamedTuple):
     """A problem that names what it asks for.
 
     sized: by what, where that is said;  enough: whether gains that are found are taken up to `VERY_FAR` from the floor:
-    actuators are the reason;  not_asked: what is given up.
+    actuators are the reason;  not_asked: what is given up;  static: whether it is tried first, for a simple controller.
     """
 
     problem: Problem
     sized: str = ""
     enough: bool = False
     not_asked: str = ""
+    static: bool = False
 
     def with_limit(self, came: str) -> str:
         """Say how far a search for it came."""
-        return f"gain_limit {self.problem.design.gain_limit:g}{self.sized}: {came}"
+        order = "order 0, " * self.static
+        return f"{order}gain_limit {self.problem.design.gain_limit:g}{self.sized}: {came}"
 
 
 def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator[Specification]:
@@ -117,6 +125,10 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
     if not problem.has_defaults:
         yield Specification(problem)
         return
+    of_rho = problem.design.objective == "rho" and not claim.delta[:, :3].any()
+    if problem.design.order is None and problem.order and of_rho:
+        first = next(specifications(_with(problem, {"order": 0}), network, claim))
+        yield first._replace(static=True)
     said, limits = _asked(problem, _of_two(problem, network), claim)
     within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     if within is not None:
