@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import lockstep
 from lockstep.cli import build
 from lockstep.cli.certify import _table
-from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, proved_besides, sampled_text, summary
+from lockstep.cli.design import HARDLY, STATIC_SAID, WORSE, _defaults, proved_besides, sampled_text, summary
 from lockstep.cli.main import app
 from lockstep.lmi.document import answer_document as said
 from lockstep.lmi.document import read
@@ -360,6 +360,13 @@ def test_what_to_change_is_the_last_line_of_a_build_that_falls_short(monkeypatch
         "note: it ends far apart",
         "shorten the period",
     ]
+
+
+def test_an_order_of_0_by_default_is_shown_as_such():
+    shown = _defaults(
+        {"defaults": {"order": 0, "gain_limit": 2.0, "disturbances": {"states": 1.0}, "given_up": "it"}}
+    )
+    assert shown == {"by default": "order = 0, gain_limit = 2.0; before that: it"}
 
 
 HELD = """

@@ -73,7 +73,7 @@ def _defaults(figures: Mapping[str, Any]) -> dict[str, str]:
     if not asked:
         return {}
     shown = {key: _unlike_one(value) for key, value in asked.items() if key not in TRIED}
-    said = ", ".join(f"{key} = {value_text(value)}" for key, value in shown.items() if value)
+    said = ", ".join(f"{key} = {value_text(value)}" for key, value in shown.items() if value != {})
     tried = (f"{when}: {asked[key]}" for key, when in TRIED.items() if asked.get(key))
     return {"by default": "; ".join(filter(None, [said, *tried]))}
 

@@ -89,6 +89,21 @@ def test_static_gains_near_a_floor_of_every_order_are_taken_where_no_order_is_na
     assert made.problem.design.order == made.figures["defaults"]["order"] == 0
 
 
+def test_static_gains_within_limits_are_near_where_others_are_not_sized_for_these(led_to: Any) -> None:
+    """Without limits 9 floors are far. Limits of 1000 leave controllers with states those that they have by default."""
+    assert led_to((9.0, 9.0), (2.0, 2.0), posed=UNNAMED).certificate.rho == 2.0
+    for limit, then in ((1.0, [(8.5, 8.5)]), (1000.0, [])):
+        posed = problem(
+            dynamics={"x": "sin(x) + u"},
+            outputs={"y": "x"},
+            network=PATH_2,
+            agent=f"limits = {{ u = [-{limit}, {limit}] }}",
+            design="starts = 1\n[simulation]\ninitial = [[-1.0], [1.0]]",
+        )
+        made = led_to((9.0, 9.0), *then, posed=posed)
+        assert (made.certificate.rho, made.problem.order) == (9.0, 0)
+
+
 def test_states_are_taken_where_they_lower_rho_by_a_tenth(led_to: Any) -> None:
     made = led_to((1.3, 1.3), (1.2, 1.2), posed=UNNAMED)
     assert (made.certificate.rho, made.problem.order) == (1.3, 0)

@@ -17,7 +17,6 @@ from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.specification.defaults import (
     FAR,
     MUCH,
-    NEAR,
     STATES,
     VERY_FAR,
     Specification,
@@ -79,7 +78,7 @@ class _Tried:
         """
         best, again = self.best, self.taken < len(self.said)
         if best is None or spec.static:
-            return best is not None and bool(best.floor) and _over_floor(best) <= NEAR
+            return best is not None and bool(best.floor) and _over_floor(best) <= spec.static
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))
@@ -131,9 +130,8 @@ def first_near_its_floor(
                 raise
             stop.asked = True
         except (Infeasible, NotCertified, OutOfTime) as error:
-            first = first or str(error) * (
-                not spec.static
-            )  # what no controller can is said in the same words each time
+            # What no controller can is said in the same words each time.
+            first = first or ("" if spec.static else str(error))
             if tried.best is None and (last or stop.asked or _over(deadline)):
                 raise _after(error, first, tried.said, spec) from None
             tried.said.append(spec.with_limit(_came_to(error, problem.design.decay)))

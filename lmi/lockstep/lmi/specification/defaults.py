@@ -90,7 +90,8 @@ FAR, MUCH = 4.0, 0.5
 
 NEAR, STATES = 1.25, 0.9
 """A rho of static gains below so many floors is near: states, of which the floor knows as well, could lower it by a fifth at
-most. Of other static gains controllers with states are taken where they lower rho to this part."""
+most. Of other static gains controllers with states are taken where they lower rho to this part. Static gains within the
+actuators' limits are near within `VERY_FAR` where controllers with states would not be sized for these."""
 
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
@@ -100,18 +101,19 @@ class Specification(NamedTuple):
     """A problem that names what it asks for.
 
     sized: by what, where that is said;  enough: whether gains that are found are taken up to `VERY_FAR` from the floor:
-    actuators are the reason;  not_asked: what is given up;  static: whether it is tried first, for a simple controller.
+    actuators are the reason;  not_asked: what is given up;  static: of static gains that are tried before others, how many
+    floors their rho may be for them to be taken at once.
     """
 
     problem: Problem
     sized: str = ""
     enough: bool = False
     not_asked: str = ""
-    static: bool = False
+    static: float = 0.0
 
     def with_limit(self, came: str) -> str:
         """Say how far a search for it came."""
-        order = "order 0, " * self.static
+        order = "order 0, " * bool(self.static)
         return f"{order}gain_limit {self.problem.design.gain_limit:g}{self.sized}: {came}"
 
 
@@ -125,12 +127,12 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
     if not problem.has_defaults:
         yield Specification(problem)
         return
+    said, limits = _asked(problem, _of_two(problem, network), claim)
+    within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     of_rho = problem.design.objective == "rho" and not claim.delta[:, :3].any()
     if problem.design.order is None and problem.order and of_rho:
         first = next(specifications(_with(problem, {"order": 0}), network, claim))
-        yield first._replace(static=True)
-    said, limits = _asked(problem, _of_two(problem, network), claim)
-    within, most = _within_limits(problem, network, claim, limits[0]), 0.0
+        yield first._replace(static=VERY_FAR if first.enough and within is None else NEAR)
     if within is not None:
         for more, part in SIZED if problem.design.decay else SIZED[:2]:
             size = float(f"{more * within['gain_limit']:.2g}")
