@@ -41,6 +41,9 @@ of the benchmark is below 0.003; a mass without a spring has no time of its own.
 FAR = 1e6
 """Sizes of states further apart than this are seldom meant to weigh alike: by time alone, 1e5 rad/s are 1e5 apart."""
 
+MOST_STEPS = 1e5
+"""Of a run in which a leader is looked at: a few seconds of work."""
+
 TURN = 2 * math.pi
 
 RADIANS, DEGREES = ("rad", "radian", "radians"), ("deg", "degree", "degrees", "\N{DEGREE SIGN}")
@@ -224,10 +227,11 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
     if not len(leads) or problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
         return
     two, t = Network(problem.agent(), Graph.topology("path", 2)), problem.simulation.horizon
+    step = step_of(problem, t, held=True)
     idle = Gains.from_blocks(np.zeros((2, two.agent.m, two.agent.q)), 0)
     start = problem.initial_states()[[*leads, *leads]]
     try:
-        run = simulate(two, idle, Scenario(start, t, step_of(problem, t, held=True)))
+        run = simulate(two, idle, Scenario(start, min(t, MOST_STEPS * step), step))
         left = left_domain(run.t, run.x[:, :1], two.agent)
     except Diverged as error:
         left = str(error)
