@@ -100,3 +100,8 @@ def test_a_leader_that_leaves_its_domain_by_itself_within_the_run_is_noted(agent
         assert ["agent 1 leads and gets no u: left to itself, " in one for one in said] == [True] * leaves
         assert all("left the domain: p = 10" in one and " at 6 s" in one for one in said)
     assert not list(initial(Problem.parse(text + starts + "5.9")))
+    second = text.replace(f'topology = "{agents}"', "edges = [[1, 2]]") + starts.replace(
+        "[1.0, 0.0]", "[0.0, 0.0]"
+    )
+    (row,) = initial(Problem.parse(second + "20.0"))
+    assert row.figure.startswith("agent 2 leads and gets no u: left to itself, agent2 left the domain")

@@ -236,6 +236,7 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
     except Diverged as error:
         left = str(error)
     if left:
+        left = left.replace(f"{two.agent.name}1", f"{two.agent.name}{leads[0] + 1}")
         figure = f"agent {leads[0] + 1} leads and gets no u: left to itself, {left}"
         why = "the others follow it; of agents that leave their domain by themselves nothing is proved"
         yield CheckRow("initial states", "note", figure, why)
