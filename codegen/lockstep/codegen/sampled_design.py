@@ -22,7 +22,7 @@ from lockstep.check.sampled.l2_gain import proves_rho
 from lockstep.check.sampled.loop import sampled_loop
 from lockstep.check.sampled_claims import sector
 from lockstep.codegen.message_claims import MessageProof, prove_messages
-from lockstep.codegen.sampled_modes import ModalRho, prove_modes_of, sampled_controllers, splits
+from lockstep.codegen.sampled_modes import ModalRho, asked_decay, prove_modes_of, sampled_controllers, splits
 from lockstep.lmi.design_verdict import ClaimDecisions, certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled import (
@@ -122,9 +122,8 @@ def prove_design(stored: Stored, guess: PairWeights | None = None) -> HeldVerdic
         return HeldVerdict(verdict, reach, rho)
     fast, proved = stored.proofs.sampled_decay, (verdict.witness, rho and rho.witness, stored.proofs.decay)
     tried = [one.m for one in proved if isinstance(one, Witness | Certificate)]
-    asked = float(np.exp(-2.0001 * (stored.problem.design.decay or 0.0) * period))
     own = [fast] if isinstance(fast, Witness) else []
-    fastest = certify_decay(network, controllers, tried, verdict.decay, asked, own)
+    fastest = certify_decay(network, controllers, tried, verdict.decay, asked_decay(stored), own)
     messages = prove_messages(stored, network, controllers, verdict.witness, rho)
     return HeldVerdict(verdict, reach, rho, fastest=fastest, messages=messages)
 

@@ -1,5 +1,6 @@
 """What is proved of identical controllers sampled and rounded, mode by mode: for one undirected graph, or for a spectrum."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,6 +22,14 @@ from lockstep.lmi.document import Stored
 from lockstep.lmi.sampled.modal.witnesses import certify_modal, certify_modal_decay, longest_modal, modal_rho
 from lockstep.lmi.stored_bound import reproved_bound
 from lockstep.model.assembly import network_of
+
+TOLD = 1.001
+"""Times the decay that is asked for: what is proved is told with four digits, rounded down, by up to a thousandth."""
+
+
+def asked_decay(stored: Stored) -> float:
+    """Return exp(-2 sigma T), the factor of V in a period at the decay sigma that is asked for; 1 where none is."""
+    return math.exp(-2 * TOLD * (stored.problem.design.decay or 0.0) * stored.problem.controller.period)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +86,7 @@ def prove_modes_of(stored: Stored, sector: Sector | None) -> ModalProofs:
     fast, fastest = proofs.sampled_decay, None
     if verdict.certified:
         own = fast if isinstance(fast, SampledModalWitness) else None
-        fastest = certify_modal_decay(loop, c.ends, weights, verdict.decay, own)
+        fastest = certify_modal_decay(loop, c.ends, weights, verdict.decay, own, asked_decay(stored))
     return ModalProofs(verdict, longest, rho, fastest)
 
 

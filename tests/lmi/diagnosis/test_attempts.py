@@ -87,6 +87,7 @@ def test_static_gains_near_a_floor_of_every_order_are_taken_where_no_order_is_na
     """A floor is one of controllers of any order: states could not lower 1.2 floors by more than a sixth."""
     made = led_to((1.2, 1.2), posed=UNNAMED)
     assert made.problem.design.order == made.figures["defaults"]["order"] == 0
+    assert led_to((1.2, 2.0), (1.1, 1.1), posed=UNNAMED).certificate.rho == 1.1, "their period spoils them"
 
 
 def test_static_gains_within_limits_are_near_where_others_are_not_sized_for_these(led_to: Any) -> None:

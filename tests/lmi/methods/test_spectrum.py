@@ -20,13 +20,13 @@ from lockstep.check.sampled.modes import ModalLoop, common_controller, widened
 from lockstep.check.system.disagreement import single_difference
 from lockstep.check.system.graph import Digraph
 from lockstep.check.system.graph_family import SpectrumRange
-from lockstep.check.system.loop import Plant
+from lockstep.check.system.loop import Gains, Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.codegen.period_redesign import as_shipped
 from lockstep.lmi.design import design
 from lockstep.lmi.document import answer_document, design_file_of
 from lockstep.lmi.methods.modal_interval import CommonSearch
-from lockstep.lmi.sampled.modal.witnesses import certify_modal
+from lockstep.lmi.sampled.modal.witnesses import certify_modal, certify_modal_decay
 from lockstep.lmi.sampled.witnesses import in_doubles, period_in_doubles
 from lockstep.model.problem import Problem
 
@@ -162,6 +162,23 @@ def test_the_matrix_of_a_mode_is_convex_in_lambda_with_noise_and_input_weight():
     assert np.linalg.norm(ends - middle) > 1e-3  # u'W u makes it more than affine
 
 
+def test_a_decay_of_modes_that_is_asked_for_is_proved_where_it_is_near_that_of_the_loop():
+    """x_i' = u_i, four that all hear each other, u_i = sum_j (x_j - x_i), held: x_d+ = (1 - 4 T) x_d, and V+ = 0.92^2 V."""
+    one, graph = np.eye(1), Digraph.topology("complete", 4)
+    exact = Plant(0 * one, (one,) * 4, one, one, one).in_numbers(True)
+    held = sampled_controllers(
+        Gains.from_blocks(np.full((4, 1, 1), -1.0), 0), graph.edges, 0.02, "tustin", "float32"
+    )
+    network = SampledNetwork(exact, single_difference(exact.A), 1e-4, 0.02, 0)
+    modal, loss = ModalLoop(network, held, *widened(3.999, 4.001)), 1 - 0.92**2
+    given = modal, (4.0, 4.0), Performance(one, np.zeros((0, 0))), 1.0, None
+    plain, asked = certify_modal_decay(*given), certify_modal_decay(*given, 1 - 0.97 * loss)
+    assert 0.94 * loss < 1 - plain.witness.decay < 0.96 * loss
+    assert 1 - asked.witness.decay == pytest.approx(0.97 * loss, rel=1e-12), "all but rounding of doubles"
+    beyond = certify_modal_decay(*given, 1 - 1.01 * loss)
+    assert beyond.witness.decay == plain.witness.decay, "what no V has is not proved"
+
+
 @pytest.mark.parametrize("topology", ["ring", "path", "complete"])
 @pytest.mark.parametrize("delay", [0, 1])
 @pytest.mark.parametrize("order", [0, 1])
@@ -173,8 +190,6 @@ def test_modes_prove_what_the_assembled_loop_has(topology, delay, order):
     plant = Plant(A, (B,) * 4, C, np.array([[0.0], [1]]), np.array([[1.0, 0]]))
     network = ExactNetwork(plant, graph)
     K = np.array([[-1.0, -1.5]]) if order == 0 else np.array([[-3.0, 0.3, 0.2], [0.4, -1.0, -1.5]])
-    from lockstep.check.system.loop import Gains
-
     gains = Gains.from_blocks(np.stack([K] * 4), order)
     held = sampled_controllers(gains, graph.edges, 0.02, "tustin", "float32")
     exact = plant.in_numbers(True)

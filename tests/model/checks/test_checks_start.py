@@ -97,11 +97,22 @@ def test_a_leader_that_leaves_its_domain_by_itself_within_the_run_is_noted(agent
     starts = "[simulation]\ninitial = [[0.0, 0.0], [1.0, 0.0]]\nhorizon = "
     for horizon in ("20.0", "1e9"):  # of a run too long to be simulated its beginning is looked at
         said = [row.figure for row in initial(Problem.parse(text + starts + horizon))]
-        assert ["agent 1 leads and gets no u: left to itself, " in one for one in said] == [True] * leaves
-        assert all("left the domain: p = 10" in one and " at 6 s" in one for one in said)
+        assert [
+            "agent 1 leads and gets no u: by itself it left the domain: p = 10" in one for one in said
+        ] == [True] * leaves
+        assert all(" at 6 s" in one for one in said)
     assert not list(initial(Problem.parse(text + starts + "5.9")))
     second = text.replace(f'topology = "{agents}"', "edges = [[1, 2]]") + starts.replace(
         "[1.0, 0.0]", "[0.0, 0.0]"
     )
     (row,) = initial(Problem.parse(second + "20.0"))
-    assert row.figure.startswith("agent 2 leads and gets no u: left to itself, agent2 left the domain")
+    assert row.figure.startswith("agent 2 leads and gets no u: by itself it left the domain: p = 10")
+
+
+def test_a_leader_that_diverges_between_two_records_is_noted_all_the_same():
+    """p' = p^2 from 1 is 1 / (1 - t): beyond all numbers at 1 s."""
+    text = TEXT.replace('p = "v"', 'p = "p*p + 0*v"').replace('"cycle"', '"leader_path"')
+    text = text.replace("[network]", "domain = { p = [-1e12, 1e12] }\n[network]")
+    starts = "[simulation]\ninitial = [[1.0, 0.0], [1.0, 0.0]]\nhorizon = 3.0\n"
+    (row,) = initial(Problem.parse(text + starts))
+    assert "by itself it diverges at 1" in row.figure

@@ -77,8 +77,10 @@ class _Tried:
         Of many agents with gains of their own another search takes many minutes. Of many graphs there is no floor.
         """
         best, again = self.best, self.taken < len(self.said)
-        if best is None or spec.static:
-            return best is not None and bool(best.floor) and _over_floor(best) <= spec.static
+        if best is None:
+            return False
+        if spec.static:
+            return bool(best.floor) and _shipped(best) <= spec.static
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))
@@ -188,10 +190,6 @@ def _with_remark(found: Proposal, spec: Specification, before: str) -> Proposal:
     problem = spec.problem
     if spec.enough and found.guarantees.decay is not None:
         problem = keeping(problem, found.guarantees.decay[0])
-    asked = (
-        ({"order": 0} if spec.static else {})
-        | defaults_of(problem)
-        | ({"given_up": before} if before else {})
-    )
-    figures = found.figures | {"defaults": asked}
+    asked = ({"order": 0} if spec.static else {}) | defaults_of(problem)
+    figures = found.figures | {"defaults": asked | ({"given_up": before} if before else {})}
     return replace(found, problem=problem, figures=figures)

@@ -129,8 +129,8 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
         return
     said, limits = _asked(problem, _of_two(problem, network), claim)
     within, most = _within_limits(problem, network, claim, limits[0]), 0.0
-    of_rho = problem.design.objective == "rho" and not claim.delta[:, :3].any()
-    if problem.design.order is None and problem.order and of_rho:
+    may_be_static = problem.design.objective == "rho" and not claim.delta[:, :3].any()
+    if problem.design.order is None and problem.order and may_be_static:
         first = next(specifications(_with(problem, {"order": 0}), network, claim))
         yield first._replace(static=VERY_FAR if first.enough and within is None else NEAR)
     if within is not None:

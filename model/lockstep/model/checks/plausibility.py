@@ -130,8 +130,9 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         [x for x, unit in problem.file.agent.units.items() if unit in of] for of in TEMPERATURES
     )
     if kelvin and celsius:
-        figure = f"{kelvin[0]} is in K and {celsius[0]} in degC: 0 degC is 273.15 K, and a formula takes them as one unit"
-        yield CheckRow("units", "note", figure, "a temperature that is 273 off is seldom the plant")
+        figure = f"{kelvin[0]} is in K and {celsius[0]} in degC: 0 degC is 273.15 K, but formulas take them as one unit"
+        reason = "of a difference of temperatures they are; a temperature that is 273 off is seldom the plant"
+        yield CheckRow("units", "note", figure, reason)
     if factors := ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent))):
         figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"
         hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
@@ -232,12 +233,11 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
     start = problem.initial_states()[[*leads, *leads]]
     try:
         run = simulate(two, idle, Scenario(start, min(t, MOST_STEPS * step), step))
-        left = left_domain(run.t, run.x[:, :1], two.agent)
+        left = left_domain(run.t, run.x[:, :1], two.agent).removeprefix(f"{two.agent.name}1 ")
     except Diverged as error:
-        left = str(error)
+        left = f"diverges at {error.figures['time']:.4g} s"
     if left:
-        left = left.replace(f"{two.agent.name}1", f"{two.agent.name}{leads[0] + 1}")
-        figure = f"agent {leads[0] + 1} leads and gets no u: left to itself, {left}"
+        figure = f"agent {leads[0] + 1} leads and gets no u: by itself it {left}"
         why = "the others follow it; of agents that leave their domain by themselves nothing is proved"
         yield CheckRow("initial states", "note", figure, why)
 

@@ -17,17 +17,15 @@ LARGEST = 1e4
 
 
 def quiet_storages(
-    setting: ModalSetting, rate: float
+    setting: ModalSetting, rate: float, claimed: float
 ) -> tuple[float, float, tuple[Storage, ...], float, Storage] | None:
     """Return the decay claimed, kappa, P of each segment, mu and P of the mean that pass little noise on; None for none.
 
-    The least kappa with V >= |x_d|^2, V shrinking by a part `rate` of what the linear loop does.
+    The least kappa with V >= |x_d|^2, V shrinking by a part `rate` of what the linear loop does; `claimed` of that is.
     """
-    ends = [setting.mode(value) for value in setting.ends]
-    slowest = max((_radius(mode) for mode in ends if mode is not None), default=1.0)
-    if None in ends or not slowest < 1:
+    if (most := linear_loss(setting)) is None:
         return None
-    lost, storages, mu, kappa = rate * (1 - slowest**2), list[Storage](), None, 0.0
+    lost, storages, mu, kappa = rate * most, list[Storage](), None, 0.0
     for low, high in pairwise(setting.ends):
         found = _least_noise(setting, low, high, 1 - lost, mu)
         if found is None:
@@ -40,7 +38,14 @@ def quiet_storages(
         return None
     into = step_matrix(mean.loop, mean.lifted)[:, mean.loop.messages]
     spread = float(np.linalg.norm(into.T @ base, 2)) ** 2 if len(base) else 1.0
-    return 1 - CLAIMED * lost, kappa, tuple(storages), mu, 0.1 * kappa / max(spread, 1e-300) * _square(base)
+    return 1 - claimed * lost, kappa, tuple(storages), mu, 0.1 * kappa / max(spread, 1e-300) * _square(base)
+
+
+def linear_loss(setting: ModalSetting) -> float | None:
+    """Return the part of V that the slowest mode of the linear loop loses in a period; None where one is not stable."""
+    ends = [setting.mode(value) for value in setting.ends]
+    slowest = max((_radius(mode) for mode in ends if mode is not None), default=1.0)
+    return None if None in ends or not slowest < 1 else 1 - slowest**2
 
 
 def _radius(mode: LiftedMode) -> float:

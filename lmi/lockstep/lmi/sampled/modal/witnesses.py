@@ -20,7 +20,7 @@ from lockstep.check.sampled.modes import (
 )
 from lockstep.lmi.sampled.modal.error_multipliers import priced_modal_witness
 from lockstep.lmi.sampled.modal.mode import ModalSetting
-from lockstep.lmi.sampled.modal.storage import quiet_storages, storages_of
+from lockstep.lmi.sampled.modal.storage import CLAIMED, linear_loss, quiet_storages, storages_of
 from lockstep.lmi.sampled.period import longest_from
 
 PRICES_OF_ROUNDING = (1.0, 10.0, 0.1, 100.0)
@@ -34,6 +34,9 @@ SCALES = (0.0, -0.15, 0.15, -0.3, 0.3, 0.6, -0.6)
 
 MOST_RHO, FINENESS = 100.0, 2e-3
 """The sampled rho is looked for up to so many times the continuous one, and as finely as that."""
+
+NEARLY_ALL = 0.98
+"""The part of its decay that a V claims which is to decay fast: the rest is room for errors."""
 
 RATES, FASTEST = (0.3, 0.1, 0.03, 0.01), (0.97, 0.9, 0.8, 0.65, 0.5)
 """How fast V is asked to decay, as parts of how fast the linear loop does: to pass little noise on, and as fast as it may."""
@@ -78,18 +81,24 @@ def certify_modal_decay(
     weights: Performance,
     slow: float,
     known: SampledModalWitness | None,
+    asked: float = 1.0,
 ) -> SampledVerdict | None:
-    """Prove a decay of V that is less than `slow`, by a V of its own, a known witness being tried first; or None."""
+    """Prove a decay of V that is less than `slow`, by a V of its own, a known witness being tried first; or None.
+
+    asked: a factor of V in a period, below 1 if one is asked for: tried as well.
+    """
     setting = ModalSetting(loop, _outside(loop, ends), weights)
-    for one in chain([known], (_decaying(setting, rate) for rate in FASTEST)):
+    own = (1 - asked) / (NEARLY_ALL * (linear_loss(setting) or np.inf))
+    rates = sorted((rate for rate in {own, *FASTEST} if 0 < rate <= 1), reverse=True)
+    for one in chain([known], (_decaying(setting, rate, NEARLY_ALL) for rate in rates)):
         if one is not None and one.decay < slow and (found := decide_modal_sampled(loop, one)).certified:
             return found
     return None
 
 
-def _decaying(setting: ModalSetting, rate: float) -> SampledModalWitness | None:
+def _decaying(setting: ModalSetting, rate: float, claimed: float = CLAIMED) -> SampledModalWitness | None:
     """Return a witness that passes little noise on, of a V that shrinks by a part of what the linear loop does."""
-    quiet = quiet_storages(setting, rate)
+    quiet = quiet_storages(setting, rate, claimed)
     if quiet is None:
         return None
     each = (priced_modal_witness(setting, quiet[2:], t, quiet[:2]) for t in PRICES_OF_ROUNDING)
