@@ -174,8 +174,9 @@ LATER = {
         ],
         # 850 before the actuators' word on a period, which `build` says as `check` does; 855 before sizes of the states;
         # 875 before one attempt after the other moved in, out of the roots, and said what it did not take; 1000 before static
-        # gains were tried first where no order is named
-        1016,
+        # gains were tried first where no order is named; 1016 before limits that actuators would take more than the run for
+        # were noted, and what is seldom meant was gathered here, out of the roots
+        1036,
     ),
     "initial sets: a P of their own, gains that move": (
         [
@@ -205,7 +206,14 @@ LATER = {
         [
             *(
                 f"{WORKFLOW}/{one}.py"
-                for one in ("init", "explain", "design_cache", "waiting/time_left", "waiting/progress_lines")
+                for one in (
+                    "init",
+                    "explain",
+                    "design_cache",
+                    "runs/told",
+                    "waiting/time_left",
+                    "waiting/progress_lines",
+                )
             ),
             *(
                 f"model/lockstep/model/{name}.py"
@@ -224,8 +232,8 @@ LATER = {
         # of states beside each other, which notes and divergence ask for, were told of any numbers that a file may hold;
         # 190 less since what editors show of each key is made in docs/; 20 more for numbers that convert units unchecked;
         # 850 before agents that leave their domain by themselves within a period were noted; 865 before leaders that do so
-        # within a run were, and kelvins beside degrees Celsius.
-        897,
+        # within a run were, and kelvins beside degrees Celsius; 897 before what is told of a run moved in, out of the roots.
+        1000,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

@@ -189,7 +189,10 @@ MEANINGS: Mapping[str, Mapping[str, tuple[str, str]]] = {
             "Initial states, one list per agent in the order of `states`; angles in radians",
             "unit of each state",
         ),
-        "spread": ("Random initial states are within plus and minus this", "unit of each state"),
+        "spread": (
+            "Random initial states are within plus and minus this, and half-way to the sides of a domain",
+            "unit of each state",
+        ),
         "horizon": ("How long the run is", "s"),
         "seed": ("Of all that is random in the run", ""),
         "disturbance": ("What disturbs the run", ""),

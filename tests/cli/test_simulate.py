@@ -327,12 +327,34 @@ def test_figures_need_a_place(folder, run, tmp_path):
 def test_a_start_beyond_the_set_of_initial_states_is_said(root, run, tmp_path):
     """Two carts, one leading: they start 0.4 apart, and are proved to stay in their domain from 0.06."""
     design = root / "docs" / "gallery" / "designs" / "carts.json"
-    assert "initial states" in run(design, "--horizon", 0.1).stdout
+    said = " ".join(run(design, "--horizon", 0.1).stdout.split())
+    assert "from 0.159 times this start" in said
+    assert "this run has them" not in said
+    disturbed = " ".join(run(design, "--horizon", 0.1, "--disturbance", "noise").stdout.split())
+    assert "0.159 times this start without disturbances" in disturbed
     content = json.loads(design.read_text())
     content["problem"]["simulation"]["initial"] = [[0.0] * 4, [0.01] * 4]
     near = tmp_path / "near.json"
     near.write_text(json.dumps(content))
     assert "initial states" not in run(near, "--horizon", 0.1).stdout
+
+
+def test_a_leader_that_is_moved_out_of_its_range_is_said(root, run, tmp_path):
+    """The claim is of a leader by itself, in its range: not of one that a reference takes out of it."""
+    content = json.loads((root / "docs" / "gallery" / "designs" / "carts.json").read_text())
+    content["problem"]["simulation"]["reference"] = {"a": "20.0"}
+    moved = tmp_path / "moved.json"
+    moved.write_text(json.dumps(content))
+    said = " ".join(run(moved, "--horizon", 0.5).stdout.split())
+    assert "times this start without disturbances and a leader out of its range (this run has them)" in said
+
+
+def test_the_size_of_a_large_file_is_said(root, run, tmp_path):
+    design = root / "docs" / "gallery" / "designs" / "carts.json"
+    large, small = tmp_path / "large.csv", tmp_path / "small.csv"
+    said = " ".join(run(design, "--horizon", 20.0, "-o", large).stderr.split())
+    assert f"{large.name} ({large.stat().st_size / 1e6:.3g} MB)" in said
+    assert "MB" not in run(design, "--horizon", 0.1, "-o", small).stderr
 
 
 def test_it_says_over_what_domain_and_inputs_went(folder, root, run, tmp_path):

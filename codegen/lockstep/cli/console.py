@@ -21,6 +21,8 @@ from lockstep.workflow.waiting.progress_lines import ProgressLines
 from lockstep.workflow.waiting.time_left import TimeLeft
 
 HOLDS, FAILS, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+LARGE = 1.0
+"""MB, from which on the size of a file that was written is told."""
 
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
@@ -69,7 +71,9 @@ def remark(said: str) -> None:
 
 def wrote(*places: Path | None) -> None:
     """Say which files and folders were written, on standard error; None stands for one that was not asked for."""
-    if said := ", ".join(str(place) for place in places if place is not None):
+    made = [place for place in places if place is not None]
+    large = (f" ({size:.3g} MB)" * (size >= LARGE) for size in (place.stat().st_size / 1e6 for place in made))
+    if said := ", ".join(f"{place}{size}" for place, size in zip(made, large, strict=True)):
         remark(f"written: {said}")
 
 

@@ -22,6 +22,7 @@ from lockstep.verification.verify import VerifyReport
 CLIPPED = "controller steps met a limit of an input, and rho is proved without saturation"
 UNSETTLED = "where nothing is proved: it may settle with a longer `horizon`, or never"
 STAYING = "that agents stay in their domain"
+MORE_STAYS = "a narrower `[network] leader`, smaller gains or a wider [agent.domain] may enlarge that"
 LITTLE = 0.5
 """Of how far apart a state was at most: where it has not come below at the end of a run, it may never."""
 
@@ -67,13 +68,17 @@ class Facts:
         clipped = times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away)
         stays = times_covered(inside.radius, inside.half_axes, away) if inside else 1.0
         apart = "" if max(without, clipped) >= 1 else self._apart_at_end(run)
+        calm = " and without disturbances" * bool(run.xi.any())
         said = (
             (left, f"{left}; the certificate is for agents inside"),
             (run.clipped, f"{run.clipped} {CLIPPED}"),
             (run.clipped, self._saturated_from(without, clipped)),
             (run.clipped and apart, f"{apart}, {UNSETTLED}"),
             (run.faults, f"{run.faults} steps reported a fault"),
-            (stays < 1, f"{STAYING} is proved from {below(stays, 3)} times this start only"),
+            (
+                stays < 1,
+                f"{STAYING} is proved from {below(stays, 3)} times this start only{calm}: {MORE_STAYS}",
+            ),
         )
         return tuple(f"in the run of the report, {text}" for holds, text in said if holds)
 

@@ -27,12 +27,10 @@ def _made_before(problem: Problem, progress: Progress) -> Design | None:
 
 
 def doubts(problem: Problem) -> list[str]:
-    """Return what `check` notes of the signs, period, units and start of a problem: each is seldom meant."""
-    from lockstep.model.checks import actuators, plausibility
+    """Return what `check` notes of the signs, period, limits, units and start of a problem: each is seldom meant."""
+    from lockstep.model.checks.actuators import seldom_meant
 
-    found = (plausibility.unstable_alone, actuators.period, plausibility.units, plausibility.initial)
-    rows = (row for of in found for row in of(problem))
-    return [f"{row.name}: {row.figure}" for row in rows if row.verdict == "note"]
+    return [f"{row.name}: {row.figure}" for row in seldom_meant(problem) if row.verdict == "note"]
 
 
 def design(

@@ -270,11 +270,14 @@ def _units(design: Design) -> str:
 
 
 def _others(found: DesignVerdict) -> Iterator[Statement]:
+    agent, claimed = found.design.problem.agent(), found.design.stored.claims.sampled.clipped_half_axes
     for name, verdict in found.verdict.verdicts.items():
         if name not in TOLD and verdict.proved:
-            yield Statement(
-                name.replace("_", " "), "proved", f"{verdict.reason[:1].upper()}{verdict.reason[1:]}."
-            )
+            said = f"{verdict.reason[:1].upper()}{verdict.reason[1:]}."
+            if claimed:  # the checker knows no units
+                with_units = axes_text(claimed, agent.states, agent.units)
+                said = said.replace(axes_text(claimed, agent.states), with_units)
+            yield Statement(name.replace("_", " "), "proved", said)
 
 
 def _assumed(found: DesignVerdict) -> Iterator[Statement]:

@@ -125,6 +125,38 @@ def test_how_long_actuators_take_to_move_the_outputs_so_far(period, apart, time)
     assert any("inputs at [agent.limits] move" in doubt for doubt in doubts(posed)) == (period >= 4.0)
 
 
+@pytest.mark.parametrize(("apart", "noted"), [(1800.0, False), (2300.0, True)])
+def test_limits_that_need_more_than_the_run_are_noted(apart, noted):
+    """1 m/s^2 moves t^2 / 2: 1 800 m after 60 s, within a run of 64 s, and 2 300 m after 68 s: a limit in another unit.
+
+    Times are told in steps of a factor of root two of the period; before a design begins, too.
+    """
+    posed = Problem.parse(CART.format(period=1.0, apart=apart) + "horizon = 64.0")
+    rows = [row for row in actuators.slow(posed) if "and the run is 64 s" in row.figure]
+    assert [(row.name, row.verdict) for row in rows] == [("limits", "note")] * noted
+    assert any(doubt.startswith("limits: ") for doubt in doubts(posed)) is noted
+
+
+def test_limits_that_never_suffice_are_noted():
+    """A spring of 1 1/s^2 holds 1 N at 1 m from rest, damped: 2 m are never reached, 0.5 m are."""
+    damped = CART.replace('v = "u"', 'v = "u - p - 2*v"')
+    (row,) = actuators.slow(Problem.parse(damped.format(period=0.25, apart=2.0)))
+    assert "never move" in row.figure
+    assert list(actuators.slow(Problem.parse(damped.format(period=0.25, apart=0.5)))) == []
+
+
+def test_a_pair_that_is_nearly_lost_is_noted_before_a_design_begins():
+    """p' = -p + 1e-9 v: u moves p, and y shows v, by way of that alone, a thousandth in natural units."""
+    nearly = CART.replace('p = "v", v = "u"', 'p = "-p + 1e-9*v", v = "-1000*v + u"')
+    said = [
+        doubt for doubt in doubts(Problem.parse(nearly.format(period=1e-4, apart=1e-6))) if "slip" in doubt
+    ]
+    assert [doubt.split(":")[0] for doubt in said] == ["(A, B) controllable", "(A, C) observable"]
+    assert not any(
+        "controllable" in doubt for doubt in doubts(Problem.parse(CART.format(period=0.25, apart=8.0)))
+    )
+
+
 def test_a_period_that_is_too_long_for_modes_and_actuators_is_told_for_both():
     spring = CART.replace('v = "u"', 'v = "u - p"').format(period=9.0, apart=0.5)
     figures = [row.figure for row in actuators.period(Problem.parse(spring))]

@@ -57,6 +57,18 @@ def test_random_states_go_with_the_seed():
     assert np.abs(file.start).max() <= 0.1
 
 
+def test_random_states_are_well_within_a_domain():
+    """4 <= p <= 8 has its middle at 6 and half of the way to its sides is 1, of -0.2 to 1 it is 0.1 about 0."""
+    for sides, middle, most in (("4.0, 8.0", 6.0, 1.0), ("-0.2, 1.0", 0.0, 0.1), ("-9.0, 9.0", 0.0, 1.0)):
+        domain = f"[agent.domain]\np = [{sides}]\n"
+        drawn = np.array([scenario(domain, seed=seed).start[:, 0] for seed in range(40)]) - middle
+        assert 0.9 * most < np.abs(drawn).max() <= most
+        drawn = np.array(
+            [scenario(f"{domain}[simulation]\nspread = 0.05", seed=k).start[:, 0] for k in range(40)]
+        )
+        assert 0.045 < np.abs(drawn - middle).max() <= 0.05
+
+
 def test_given_states_stay():
     text = "[simulation]\ninitial = [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]"
     assert scenario(text, seed=9).start[:, 0].tolist() == [1, 2, 3]

@@ -158,11 +158,8 @@ def simulate_large(
 
 
 def _start(problem: "Problem", N: int, seed: int) -> Float[np.ndarray, "N n"]:
-    """Return the file's initial states, or random ones of its spread where there are other agents."""
-    if problem.sizes.N == N:
-        return problem.initial_states(seed)
-    drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(N, problem.agent().n))
-    return np.asarray(problem.simulation.spread * drawn)
+    """Return the file's initial states, or random ones where there are other agents."""
+    return problem.initial_states(seed) if problem.sizes.N == N else problem.random_states(N, seed)
 
 
 def _disturbance(

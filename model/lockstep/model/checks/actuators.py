@@ -1,11 +1,11 @@
-"""How fast actuators are beside what the agents are apart at first: a unit of time for gains, and a bound for a period."""
+"""How fast actuators are beside what agents are apart at first: a unit of time for gains, bounds for a period and a run."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.checks import plausibility
+from lockstep.model.checks import linear_part, plausibility
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.loop_transformation.natural_units import step_response
 from lockstep.model.problem import Problem
@@ -55,3 +55,34 @@ def period(problem: Problem) -> Iterator[CheckRow]:
         moved = "move the outputs as far as [simulation] has them apart, or farther"
         figure = f"in {T:g} s inputs at [agent.limits] {moved}: is it in s?"
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
+
+
+def slow(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where inputs at their limits do not move the outputs within the run as far as they are apart at first."""
+    outputs, horizon = outputs_apart(problem), problem.simulation.horizon
+    time = horizon if outputs is None else time_to_move(problem)
+    if time is None or time > horizon:
+        held = "inputs held at [agent.limits]"
+        apart = "the outputs as far as [simulation] has them apart"
+        moved = (
+            f"never move {apart}"
+            if time is None
+            else f"need {time:.3g} s to move {apart}, and the run is {horizon:g} s"
+        )
+        figure = f"{held} {moved}: are they in the unit of u?"
+        reason = (
+            "from there agents come together as slowly as they do by themselves, or as actuators let them"
+        )
+        yield CheckRow("limits", "note", figure, reason)
+
+
+def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
+    """Yield what `check` says of signs, period, limits, units and start, and of a pair that is controllable by little."""
+    agent = problem.agent()
+    yield from plausibility.unstable_alone(problem)
+    yield from period(problem)
+    yield from slow(problem)
+    for row, pair in (linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)):
+        yield from [row] * (pair.relative_margin > pair.tolerance)
+    yield from plausibility.units(problem)
+    yield from plausibility.initial(problem)

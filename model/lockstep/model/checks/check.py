@@ -75,6 +75,7 @@ def check_problem(
         linear_part.directions(agent),
         *plausibility.unstable_alone(problem),
         *actuators.period(problem),
+        *actuators.slow(problem),
         *units,
         *plausibility.initial(problem),
     )

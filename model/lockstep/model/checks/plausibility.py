@@ -194,13 +194,9 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
     where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
     if len(where):
         i, j = where[0]
-        found = (
-            f"random ones within +-{problem.simulation.spread:g} leave"
-            if drawn
-            else f"{agent.states[j]} of agent {i + 1} is {starts[i, j]:.4g}, outside of"
-        )
         low, high = agent.box[j]
-        figure = f"{found} [agent.domain], {low:g} <= {agent.states[j]} <= {high:g}"
+        found = f"{agent.states[j]} of agent {i + 1} is {starts[i, j]:.4g}, outside of [agent.domain]"
+        figure = f"{found}, {low:g} <= {agent.states[j]} <= {high:g}"
         yield CheckRow(
             name, "note", figure, "what is proved on a domain says nothing of a run that starts outside of it"
         )

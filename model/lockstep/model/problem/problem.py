@@ -19,6 +19,7 @@ from lockstep.check.sampled.discretise import either_way
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.state_sizes import middle
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
 from lockstep.model.graphs.sparse_graph import SparseGraph
@@ -45,6 +46,9 @@ from lockstep.model.problem.weights import amplitudes, input_weight, scale_of_ea
 
 SEARCHED = ("certified", "modal")
 """Methods that look for gains, and take specifications beside rho."""
+
+WELL_WITHIN = 0.5
+"""Of how far the sides of a domain are from its middle, or 0: random states have room to move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,13 +380,21 @@ class Problem:
         N, n = self._graph.agents, self._agent.n
         given = self.simulation.initial
         if given == "random":
-            generator = np.random.default_rng(self.simulation.seed if seed is None else seed)
-            return self.simulation.spread * generator.uniform(-1.0, 1.0, size=(N, n))
+            return self.random_states(N, self.simulation.seed if seed is None else seed)
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):
             demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
         demand(len(given) == N, f"{len(given)} rows for {N} agents", where, "one row per agent")
         return np.array(given, dtype=float)
+
+    def random_states(self, agents: int, seed: int) -> Float[np.ndarray, "agents n"]:
+        """Return states within `spread` of 0, or of the middle of a domain, and well within a domain."""
+        about = middle(self._agent)
+        spread = np.minimum(
+            self.simulation.spread, WELL_WITHIN * np.abs(self._agent.box.T - about).min(axis=0)
+        )
+        drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(agents, self._agent.n))
+        return np.asarray(about + spread * drawn)
 
     def validate(self) -> None:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from lockstep.check.bound.box import Box
 from lockstep.check.errors import ClaimError
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import state_sizes
@@ -50,9 +51,11 @@ def check_bounded(
     )
 
 
-def left_domain(t: Float[np.ndarray, " K"], x: Float[np.ndarray, "K N n"], agent: Agent) -> str:
-    """Return which agent first left the domain that its bound is proved on, with what and when; empty if none did."""
-    H, box = agent.lure.H, agent.argument_box
+def left_domain(
+    t: Float[np.ndarray, " K"], x: Float[np.ndarray, "K N n"], agent: Agent, box: Box | None = None
+) -> str:
+    """Return which agent first left the domain of its bound, or another `box` of v, with what and when; empty if none did."""
+    H, box = agent.lure.H, box or agent.argument_box
     with np.errstate(invalid="ignore"):
         v = x @ H.T
         outside = np.argwhere((v < np.asarray(box.lower)) | (v > np.asarray(box.upper)))

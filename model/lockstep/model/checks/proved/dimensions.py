@@ -127,10 +127,7 @@ def _check(
             expected = f"{text_of(asked)}, that of {of}"
             if off.keys() == {"10"}:
                 times = f"is {10 ** off['10']:.6g} times that of {of}, and numbers are not converted"
-                said, expected = (
-                    f"the unit of the term `{term}` {times}",
-                    'one system: 0.003 "s" for 3 "ms"',
-                )
+                said, expected = f"the unit of the term `{term}` {times}", "units of one system"
             raise ProblemError(said, where=where, expected=expected, remedy=REMEDY)
 
 
@@ -192,8 +189,13 @@ class _Dimensions:
 def _same(a: Quantity, b: Quantity) -> Powers | None:
     if a.powers is None or b.powers is None:
         return a.powers if b.powers is None else b.powers
-    if _known(product_of(a.powers, b.powers, -1)):
-        raise Undefined(f"made of parts of the dimensions {text_of(a.powers)} and {text_of(b.powers)}")
+    if off := _known(product_of(a.powers, b.powers, -1)):
+        differ = f"of the dimensions {text_of(a.powers)} and {text_of(b.powers)}"
+        if off.keys() == {"10"}:
+            differ = (
+                f"whose units differ by a factor of {10 ** abs(off['10']):.6g}, and numbers are not converted"
+            )
+        raise Undefined(f"made of parts {differ}")
     return b.powers if math.isnan(a.powers.get("10", 0.0)) else a.powers
 
 

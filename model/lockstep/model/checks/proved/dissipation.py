@@ -79,7 +79,7 @@ def passivity(field: Field, *, boxes: int = BOXES) -> CheckFinding:
         return CheckFinding(name, "undecided", f"{m} inputs and {q} outputs: it asks for as many of each")
     CB = _product(field.C, field.B)
     witness = _not_positive(CB)
-    if witness is not None and _rank(field.B) == m:
+    if witness is not None and fmpq_mat(_exact(field.B).tolist()).rank() == m:
         figure = "P B = C' makes C B = B'P B symmetric and positive definite, which it is not"
         return CheckFinding(name, "refuted", figure, None, {"CB": _floats(CB), "direction": witness})
     return dissipativity(field, Supply.passive(m), name=name, boxes=boxes)
@@ -107,7 +107,9 @@ def _storage(field: Field, supply: Supply, J: np.ndarray, boxes: int) -> Rationa
     """Return a P that is proved; where a point refutes one, its slopes join those of the program."""
     for _ in range(ROUNDS):
         found = propose_storage(J, _array(field.B), _array(field.C), supply, 0.0)
-        P = None if found is None else rounded(found[0], field.B, _target(field, supply))
+        free = any(x for row in supply.R for x in row)
+        target = None if free else _product(_transpose(field.C), supply.S)
+        P = None if found is None else rounded(found[0], field.B, target)
         if P is None:
             return None
         verdict = decide_storage(field, P, supply, Fraction(0), boxes // 2)
@@ -208,10 +210,6 @@ def _slopes_at(field: Field, verdict: Verdict) -> np.ndarray:
     return at_points(field.jacobian, point)
 
 
-def _target(field: Field, supply: Supply) -> Rational | None:
-    return None if any(x for row in supply.R for x in row) else _product(_transpose(field.C), supply.S)
-
-
 def kernel_vector(matrix: fmpq_mat) -> list[float]:
     """Return a vector that a matrix of deficient rank maps to 0."""
     steps, rank = matrix.rref()
@@ -242,10 +240,6 @@ def _negative_semidefinite(M: Rational) -> bool:
 
 def _exact(M: Rational) -> np.ndarray:
     return np.array([[fmpq(x.numerator, x.denominator) for x in row] for row in M], dtype=object)
-
-
-def _rank(M: Rational) -> int:
-    return int(fmpq_mat(_exact(M).tolist()).rank())
 
 
 def _product(first: Rational, second: Rational) -> Rational:

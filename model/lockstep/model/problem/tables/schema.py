@@ -352,7 +352,8 @@ class SimulationTable(ProblemTable):
         default="random", description='"random", or one list of n numbers per agent'
     )
     spread: NotNegative = Field(
-        default=1.0, description="a finite number, 0 or more: random states are within +-spread"
+        default=1.0,
+        description="a finite number, 0 or more: random states are within +-spread of 0 or the middle of a domain",
     )
     horizon: Positive = Field(default=20.0, description="a finite number of seconds above 0")
     seed: int = Field(default=0, ge=0, le=2**63 - 1, description="a whole number, 0 or more")
