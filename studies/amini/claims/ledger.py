@@ -40,7 +40,7 @@ def _named(name: str) -> PaperClaim:
         raise ProblemError(
             f"there is no claim `{name}`",
             where="lockstep reproduce",
-            expected="a name from the last column of docs/claims.md",
+            expected="a name that ends a claim in docs/claims.md",
             remedy=nearest(name, known),
         )
     return known[name]

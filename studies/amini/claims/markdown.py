@@ -10,7 +10,7 @@ HEAD = """# The paper's claims, one by one
 
 Amini, Azarbahram and Sojoodi, *H-infinity consensus of nonlinear complex multi-agent systems using dynamic output
 feedback controller: an LMI approach*. Equation numbers are the paper's. Every figure on this page is computed by
-`lockstep reproduce -o docs/claims.md`; the command in the last column computes its row alone.
+`lockstep reproduce -o docs/claims.md`; `lockstep reproduce NAME`, with the name that ends its claim, computes a row alone.
 
 - **proved**: by exact arithmetic or by algebra that the row states.
 - **reproduced**: the figure is met numerically.
@@ -82,7 +82,8 @@ MENDED = (
     " p_s B_i = B_i X_i, that range has no solution on the example (recovery-mended)."
 )
 
-COLUMNS = "| where | claim | verdict | figure | command |\n|---|---|---|---|---|\n"
+COLUMNS = '<div class="stacked">\n\n| where | claim | verdict | figure |\n|---|---|---|---|\n'
+"""How the table of the rows begins, whose cells stand below each other where the page is narrow."""
 
 
 def to_markdown(rows: Sequence[ClaimRow]) -> str:
@@ -90,16 +91,16 @@ def to_markdown(rows: Sequence[ClaimRow]) -> str:
 
     >>> page = to_markdown([ClaimRow("x", "(1)", "It holds.", "proved", "proved", "1 = 1")])
     >>> print(next(line for line in page.splitlines() if "It holds." in line))
-    | (1) | It holds. | proved | 1 = 1 | `lockstep reproduce x` |
+    | (1) | It holds. `x` | proved | 1 = 1 |
     """
     counts = Counter(row.verdict for row in rows)
     total = ", ".join(f"{counts[verdict]} {verdict}" for verdict in get_args(ClaimVerdict))
     lines = "".join(
-        f"| {_cell(row.where)} | {_cell(row.claim)} | {row.verdict or 'NOT AS EXPECTED'} | {_cell(row.figure)} |"
-        f" `{row.how}` |\n"
+        f"| {_cell(row.where)} | {_cell(row.claim)} `{row.name}` | {row.verdict or 'NOT AS EXPECTED'} |"
+        f" {_cell(row.figure)} |\n"
         for row in rows
     )
-    return f"{HEAD}\n{len(rows)} claims: {total}.\n\n{COLUMNS}{lines}\n{_equations()}"
+    return f"{HEAD}\n{len(rows)} claims: {total}.\n\n{COLUMNS}{lines}\n</div>\n\n{_equations()}"
 
 
 def _equations() -> str:
