@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "literature.md"
 BEGIN, END = "<!-- table: python benchmarks/literature.py --update -->", "<!-- end of the table -->"
 HEAD = (
-    "problem", "their order", "their largest norm", "their rho", "our order", "our gain limit", "our rho", "floor",
+    "problem", "their rho", "our rho", "floor", "their order", "our order", "their largest norm", "our gain limit",
 )  # fmt: skip
 
 
@@ -127,13 +127,13 @@ def cells_of(m: Measured) -> tuple[str, ...]:
     """Return a row of the table."""
     return (
         m.label,
-        str(m.their_order),
-        f"{m.their_norm:.4g}",
         f"{m.their_rho:.4g}",
-        str(m.our_order),
-        f"{m.our_limit:.4g}",
         f"{m.our_rho:.4g}",
         "none" if m.floor is None else f"{m.floor:.4g}",
+        str(m.their_order),
+        str(m.our_order),
+        f"{m.their_norm:.4g}",
+        f"{m.our_limit:.4g}",
     )
 
 
