@@ -44,9 +44,13 @@ def index() -> str:
 `lockstep init FIELD -o problem.toml` writes one of these files, commented, with the schema that editors hold it against
 beside it. Parameters are those of the source that the file names, or of its order of magnitude; what is ours is said to be.
 
-| field | what it is | agents | states of each | order | rho, proved | period | flash |
+<div class="named">
+
+| field | rho, proved | period | flash | what it is | agents | states of each | order |
 |---|---|---|---|---|---|---|---|
 {rows}
+
+</div>
 
 Each page with a rho shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of
 them again, compiles its C, compares it with the reference, and runs it. [Notebooks](../notebooks/index.md) walk through five.
@@ -140,13 +144,13 @@ def _count(number: int, what: str) -> str:
 def _row(field: str, problem: Problem, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
     cells = (
         f"[{field}]({field}.md)",
+        "not shown here" if design is None else f"{design.rho:.4g}",
+        f"{problem.controller.period:g}{_unit(problem, 's')}",
+        "-" if design is None else f"{measured['costs']['flash']}{SPACE}B",
         problem.title,
         problem.graph().N,
         problem.agent().n,
         problem.order,
-        "not shown here" if design is None else f"{design.rho:.4g}",
-        f"{problem.controller.period:g}{_unit(problem, 's')}",
-        "-" if design is None else f"{measured['costs']['flash']}{SPACE}B",
     )
     return "| " + " | ".join(map(str, cells)) + " |"
 
