@@ -78,7 +78,7 @@ def tables() -> str:
             package, *modules = paths
             parts.append(f"\n### {place.as_posix()}\n\n{described(package)}")
             rows = [f"| `{path.stem}` | {described(path)} |" for path in modules]
-            parts += ["\n| module | |\n|---|---|", *rows] if rows else []
+            parts += ["\n| module | what it does |\n|---|---|", *rows] if rows else []
     return "\n".join(parts).strip()
 
 

@@ -5,6 +5,8 @@ import math
 from lockstep.model.problem import Problem
 
 RADIUS, NODE, MARGIN = 85, 16, 4
+RIM, TIP = NODE + 1, 11
+"""Where a circle ends, its line included, and how long the head of an arrow is, which ends there."""
 
 
 def drawing(problem: Problem) -> str:
@@ -15,11 +17,12 @@ def drawing(problem: Problem) -> str:
     edge = NODE + MARGIN
     width, height = (max(values) - min(values) + 2 * edge for values in (x, y))
     places = [(a - min(x) + edge, b - min(y) + edge) for a, b in zip(x, y, strict=True)]
-    lines = []
-    for listener, source, _ in graph.edges:
+    lines, heard = [], {(listener, source) for listener, source, _ in graph.edges}
+    for listener, source in sorted(heard):
         (x0, y0), (x1, y1) = places[source - 1], places[listener - 1]
         length = math.hypot(x1 - x0, y1 - y0)
-        a, b = NODE / length, 1 - (NODE + 7) / length
+        head = (RIM + TIP) / length
+        a, b = head if (source, listener) in heard else RIM / length, 1 - head
         ends = (x0 + a * (x1 - x0), y0 + a * (y1 - y0), x0 + b * (x1 - x0), y0 + b * (y1 - y0))
         lines.append(
             '<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}" marker-end="url(#tip)"/>'.format(*ends)
@@ -31,8 +34,8 @@ def drawing(problem: Problem) -> str:
     size = f'width="{width:.0f}" height="{height:.0f}"'
     body = "\n".join([*lines, *nodes])
     return f"""<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">
-<defs><marker id="tip" markerWidth="7" markerHeight="7" refX="0" refY="3" orient="auto">
-<path d="M0,0 L7,3 L0,6 z" fill="#3b6ea5"/></marker></defs>
+<defs><marker id="tip" markerUnits="userSpaceOnUse" markerWidth="{TIP}" markerHeight="10" refX="0" refY="5" orient="auto">
+<path d="M0,0 L{TIP},5 L0,10 z" fill="#3b6ea5"/></marker></defs>
 <g stroke="#3b6ea5" stroke-width="2" fill="#ffffff" font-family="sans-serif" font-size="14" text-anchor="middle">
 <style>text {{ stroke: none; fill: #1f2d3d; }}</style>
 {body}

@@ -266,7 +266,7 @@ def _ships(design: lockstep.Design, measured: dict[str, Any]) -> str:
     per_step = f"{steps[0]}" if steps[0] == steps[1] else f"{steps[0]} to {steps[1]}"
     return f"""## What ships
 
-| the most of any controller | |
+| the most of any controller | value |
 |---|---|
 | order | {design.problem.order} |
 | period | {table.period:g}{_unit(design.problem, "s")}{late} |
