@@ -97,7 +97,7 @@ States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.{""
 
 ## The graph
 
-![who listens to whom]({field}.svg)
+![{problem.title}: who listens to whom]({field}.svg)
 
 {graph.N} agents; an arrow goes from whom an agent listens to; {reach}.
 
@@ -167,16 +167,16 @@ def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
         else "The proof says nothing of the size of this run."
     )
     moving = (
-        f"\n![the agents as they move]({field}-moving.svg)\n\n{MOVING[field]}\n" if field in SCENES else ""
+        f"\n![{problem.title}, as they move]({field}-moving.svg)\n\n{MOVING[field]}\n" if field in SCENES else ""
     )
     return f"""## The run
 
 The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from
 agreement is {first:.3g} at first and {ended} after {after}{swing}; the largest input is {run["input"]:.3g}. {held}
 
-![states of all agents against time]({field}-states.png)
+![{problem.title}: states of all agents against time]({field}-states.png)
 
-![distance from agreement against time]({field}-disagreement.png)
+![{problem.title}: distance from agreement against time]({field}-disagreement.png)
 {moving}"""
 
 
