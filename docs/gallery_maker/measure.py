@@ -9,12 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import lockstep
+from lockstep.model.problem import Problem
+from lockstep.workflow.init import init
 
 FOLDER = Path(__file__).parents[1] / "gallery"
 MEASURED = FOLDER / "measured.json"
 
 CORE = "cortex-m4f"
 NAME = "Cortex-M4F"
+PER_UNIT = "1"
+"""The unit of what fields count per unit, as power engineers do; no field has another pure number with a unit."""
+
 STEPS = 500
 """Of the closed loop, on this machine and on the emulated core."""
 
@@ -95,11 +100,15 @@ def pictures(field: str, simulation: lockstep.Simulation) -> dict[str, bytes]:
     """Return the pictures of a run by file name: states, disagreement and, of some fields, the agents as they move."""
     from gallery_maker.scenes import SCENES
     from lockstep.report.export import png
+    from lockstep.report.figures import run_figure
 
-    drawn = {
-        f"{field}-{what}.png": png(simulation.plot(what), f"{field}-{what}")
-        for what in ("states", "disagreement")
-    }
+    drawn, units = {}, Problem.parse(init(field).text).agent().units
+    shown = {name: "p.u." if unit == PER_UNIT else unit for name, unit in units.items()}
+    for what in ("states", "disagreement"):
+        figure = run_figure(simulation.trajectory, what, shown)
+        if not units:
+            figure.axes[-1].set_xlabel("t")
+        drawn[f"{field}-{what}.png"] = png(figure, f"{field}-{what}")
     if field in SCENES:
         drawn[f"{field}-moving.svg"] = SCENES[field](simulation.trajectory).encode()
     return drawn

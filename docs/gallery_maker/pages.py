@@ -4,7 +4,7 @@ import functools
 from typing import Any
 
 import lockstep
-from gallery_maker.measure import NAME, design_path, known
+from gallery_maker.measure import NAME, PER_UNIT, design_path, known
 from gallery_maker.scenes import SCENES
 from lockstep.model.problem import Problem
 from lockstep.workflow.init import fields, init
@@ -18,7 +18,7 @@ SPACE = "\N{NO-BREAK SPACE}"
 SMALL = 1e-3
 """A distance from agreement below this part of the first one is shown as that."""
 
-SCALED = " Nothing here has a unit; the `s` of pictures and commands is the model's scaled unit of time."
+SCALED = " Nothing here has a unit; the `s` of commands is the model's scaled unit of time."
 
 MOVING = {
     "arms": "The links swing on their joints; the dot on each hub is the motor's angle.",
@@ -69,19 +69,21 @@ def page(field: str) -> str:
     agent, graph = problem.agent(), problem.graph()
     text = init(field).text
     about = [line.removeprefix("# ") for line in text.splitlines()[1:] if line.startswith("# ")]
-    units = {
-        name: f" ({agent.shown_units[name]})" if name in agent.shown_units else ""
-        for name in (*agent.states, *agent.inputs)
-    }
-    states = ", ".join(f"`{name}`{units[name]}" for name in agent.states)
-    inputs = ", ".join(f"`{name}`{units[name]}" for name in agent.inputs)
+    units = units_of(problem)
+    states, inputs = (
+        ", ".join(f"`{name}` ({units[name]})" if name in units else f"`{name}`" for name in names)
+        for names in (agent.states, agent.inputs)
+    )
     roots = ", ".join(map(str, graph.roots))
     reach = (
         f"agent {roots} leads" if len(graph.roots) == 1 else f"any of the agents {roots} reaches all others"
     )
     formulas = "\n".join(f"{name}' = {formula}" for name, formula in problem.file.agent.dynamics.items())
     outputs = "\n".join(f"{name} = {formula}" for name, formula in problem.file.agent.outputs)
-    values = ", ".join(f"{name} = {value:g}" for name, value in problem.file.agent.parameters.items())
+    values = ", ".join(
+        f"{name} = {value:g}" + (f"{SPACE}{units[name]}" if name in units else "")
+        for name, value in problem.file.agent.parameters.items()
+    )
     return f"""# {problem.title}
 
 {" ".join(about)}
@@ -128,6 +130,12 @@ def _of_design(field: str, design: lockstep.Design | None, measured: dict[str, A
     return "\n".join((_run(field, design, measured), _proved(design), _ships(design, measured)))
 
 
+def units_of(problem: Problem) -> dict[str, str]:
+    """Return the units of states, inputs and parameters as they are written."""
+    units = problem.file.agent.units
+    return {name: "per unit" if unit == PER_UNIT else unit.replace("^2", "²") for name, unit in units.items()}
+
+
 def _unit(problem: Problem, unit: str) -> str:
     """Return a unit of time behind a value, nothing where the model has no units."""
     return f"{SPACE}{unit}" if problem.agent().units else ""
@@ -167,12 +175,17 @@ def _run(field: str, design: lockstep.Design, measured: dict[str, Any]) -> str:
         else "The proof says nothing of the size of this run."
     )
     moving = (
-        f"\n![{problem.title}, as they move]({field}-moving.svg)\n\n{MOVING[field]}\n" if field in SCENES else ""
+        f"\n![{problem.title}, as they move]({field}-moving.svg)\n\n{MOVING[field]}\n"
+        if field in SCENES
+        else ""
     )
+    units = units_of(parts(field)[0])
+    inputs = {units.get(name, "") for name in problem.agent().inputs}
+    unit = f"{SPACE}{inputs.pop()}".rstrip(SPACE) if len(inputs) == 1 else ""
     return f"""## The run
 
 The nonlinear loop with the arithmetic of the C, from the file's initial states, undisturbed. The distance from
-agreement is {first:.3g} at first and {ended} after {after}{swing}; the largest input is {run["input"]:.3g}. {held}
+agreement is {first:.3g} at first and {ended} after {after}{swing}; the largest input is {run["input"]:.3g}{unit}. {held}
 
 ![{problem.title}: states of all agents against time]({field}-states.png)
 

@@ -205,3 +205,7 @@ def luminance(shade: str) -> float:
 
 def test_contrast_of_black_and_white():
     assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+
+
+def test_powers_of_units_are_raised():
+    assert states_figure(run(), units={"s0": "rad/s^2"}).axes[0].get_title(loc="left") == "s0 in rad/s²"

@@ -216,7 +216,7 @@ def _entitle(
 
 def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
     unit = (units or {}).get(name)
-    return f"{name} in {unit}" if unit else name
+    return f"{name} in {unit}".replace("^2", "²").replace("^3", "³") if unit else name
 
 
 def _on_circle(i: int, N: int) -> tuple[float, float]:
