@@ -4,6 +4,9 @@ import re
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 
+from docutils import nodes
+from latex2mathml.converter import convert
+
 project = "Lockstep"
 author = "The Lockstep developers"
 project_copyright = "The Lockstep developers, Apache-2.0"
@@ -23,7 +26,11 @@ html_css_files = ["wide.css"]
 html_show_sphinx = False
 nitpicky = False
 
-myst_enable_extensions = ["colon_fence", "deflist"]  # no math: its fonts would be fetched by every reader
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_dmath_allow_labels = False
+myst_dmath_allow_space = False  # the dollar of a shell or a price begins no formula
+myst_dmath_allow_digits = False
+html_math_renderer = "mathml"  # of the page itself: no script and no font is fetched by any reader
 myst_heading_anchors = 3
 smartquotes_action = "De"  # dashes and dots: the quote of a transpose stays as it is
 
@@ -83,8 +90,39 @@ def _shown_colon(
     lines[:] = [line.replace(_COLON, ":") for line in lines]
 
 
+def _formula(node: nodes.math | nodes.math_block, display: str) -> str:
+    made = convert(node.astext(), display=display)
+    if re.search(r"\\|&(?!#?\w+;)", made):  # what the converter does not know it leaves as it is
+        raise ValueError(f"no MathML for {node.astext()!r}: use what latex2mathml knows")
+    return made
+
+
+def _kept(_app: object, page: nodes.document) -> None:
+    """Keep a formula in one line with the punctuation that follows it: browsers break there."""
+    for formula in list(page.findall(nodes.math)):
+        line, k = formula.parent, formula.parent.index(formula)
+        for after in line[k + 1 : k + 2]:
+            marks = re.match(r"[,.;:)]*", after.astext())[0]
+            if isinstance(after, nodes.Text) and marks:
+                kept = nodes.inline("", "", formula, nodes.Text(marks), classes=["kept"])
+                line[k : k + 2] = [kept, nodes.Text(after.astext()[len(marks) :])]
+
+
+def _inline(translator: object, node: nodes.math) -> None:
+    translator.body.append(_formula(node, "inline"))  # type: ignore[attr-defined]
+    raise nodes.SkipNode
+
+
+def _display(translator: object, node: nodes.math_block) -> None:
+    formula = _formula(node, "block")
+    translator.body.append(f'<div class="formula">{formula}</div>\n')  # type: ignore[attr-defined]
+    raise nodes.SkipNode
+
+
 def setup(app: object) -> None:
-    """Register what is done to pages and docstrings before they are parsed."""
+    """Register what is done to pages and docstrings before they are parsed, and how formulas are written."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))  # type: ignore[attr-defined]
+    app.connect("doctree-read", _kept)  # type: ignore[attr-defined]
     app.connect("source-read", _read)  # type: ignore[attr-defined]
     for priority, change in ((100, _hidden_colon), (800, _shown_colon), (900, _docstring)):
         app.connect("autodoc-process-docstring", change, priority=priority)  # type: ignore[attr-defined]
