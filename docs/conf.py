@@ -90,6 +90,8 @@ def _shown_colon(
     lines[:] = [line.replace(_COLON, ":") for line in lines]
 
 
+# In the pages: `split` for lines of equations, {|x|} for a norm, \vert in tables, and no \, \{ or _ after a bracket in a
+# line of text, which the repository's host takes for its own.
 def _formula(node: nodes.math | nodes.math_block, display: str) -> str:
     made = convert(node.astext(), display=display)
     if re.search(r"\\|&(?!#?\w+;)", made):  # what the converter does not know it leaves as it is
