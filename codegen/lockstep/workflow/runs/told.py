@@ -76,7 +76,7 @@ def rows(run: "Simulation") -> dict[str, str]:
 def _without(run: "Simulation", besides: Mapping[str, Any]) -> str:
     """Return without what a proof of exact messages and undisturbed agents is, of that and `besides` what the run has."""
     here = {"disturbances": run.trajectory.xi.any(), "clipped inputs": run.trajectory.clipped, **besides}
-    here["messages that are noisy, lost, late or rounded"] = run.design.problem.simulation.channel
+    here["messages that are lost, late, rounded or noisy"] = run.design.problem.simulation.channel
     without = " and ".join(what for what, there in here.items() if there)
     return f" without {without} (this run has them)" if without else ""
 

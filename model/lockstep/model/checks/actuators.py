@@ -79,10 +79,11 @@ def slow(problem: Problem) -> Iterator[CheckRow]:
 def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
     """Yield what `check` says of signs, period, limits, units and start, and of a pair that is controllable by little."""
     agent = problem.agent()
+    pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
     yield from plausibility.unstable_alone(problem)
     yield from period(problem)
-    yield from slow(problem)
-    for row, pair in (linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)):
+    yield from slow(problem) if pairs[0][1].controllable else ()  # else the mode that is lost is told
+    for row, pair in pairs:
         yield from [row] * (pair.relative_margin > pair.tolerance)
     yield from plausibility.units(problem)
     yield from plausibility.initial(problem)
