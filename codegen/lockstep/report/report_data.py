@@ -98,8 +98,8 @@ class Facts:
         return (
             f"no saturation is proved {f'from {below(without, 3)} times this start' if without else 'at all'}"
             f"{f', agreement with saturation from {below(clipped, 3)} times it' if clipped else ''}: smaller gains enlarge"
-            f" that (a `gain_limit` below {self.problem.design.gain_limit:g}, with the other keys of [design] as they stand, by"
-            f" default or in the file{slower}{static})"
+            f" that (a `gain_limit` below {self.problem.design.gain_limit:g}, with the other keys of [design] as they stand,"
+            f" in the file or by default{slower}{static})"
         )
 
     @property

@@ -72,6 +72,29 @@ def test_in_metres_or_millimetres_the_actuators_are_asked_for_the_same(order) ->
         assert one["gain_limit"] == pytest.approx(1000 * other["gain_limit"], rel=0.01)
 
 
+@pytest.mark.parametrize(("slowness", "sized"), [(20.0, True), (1.0, False)])
+def test_static_gains_in_units_far_apart_are_sized_entry_by_entry(slowness, sized) -> None:
+    """A tug's heading in deg and its rate in deg/s: a norm that gives the rate its size would give the heading as much.
+
+    |r| is 20 deg at most at first: |D| <= 35 / 20 of the heading asks for all of the limit, five times as much are too many.
+    """
+    asked = first_wishes(
+        problem(
+            dynamics={"p": "v", "v": f"(0.11*u - v - 0.01*sin(v))/{slowness}"},
+            outputs={"y": "p", "z": "v"},
+            network=PATH_2,
+            agent="limits = { u = [-35.0, 35.0] }",
+            design="order = 0\n[simulation]\ninitial = [[10.0, 0.0], [-10.0, 0.0]]",
+        )
+    )
+    assert ("gain_units" in asked) is sized
+    if sized:
+        D = asked["gain_limit"] * asked["gain_units"]["inputs"]["u"] / asked["gain_units"]["outputs"]["y"]
+        assert 0.25 < D * 20 / 35 < 1.0
+    else:
+        assert asked["gain_limit"] * 20 / 35 < 5.0
+
+
 def test_a_faster_actuator_is_not_asked_to_do_less() -> None:
     """p'' = f - sin(p)/100, f' = (u - f) / lag: how small the lag is beside the move says nothing of what u costs."""
 

@@ -10,7 +10,7 @@ names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and i
                         of controllers with states where that is less for some entry, or in natural units
     gain_units          natural units, where gains of size one are further apart than 300, or a norm would leave C and D more
                         than ten times what actuators can, or let the first u of controllers with states be larger than limits
-                        in natural units let it: `gain_limit` counts in them
+                        in natural units let it, or of static gains than five times the limits: `gain_limit` counts in them
     weights.input       1e-3, in natural units, unless it alone of `weights` is named
     disturbances        noise of 0.03 on the outputs, in natural units, unless `disturbances` are named
     stable_controllers  true, unless it is named
@@ -78,7 +78,8 @@ FAR_APART = 300.0
 between gains of size one: beyond, the norm of [A B; C D] is that of the largest entry."""
 
 OF_U = 10.0
-"""Times what actuators can, to which a norm with A_C in 1/s may let C and D grow: beyond, each entry has its own size."""
+"""Times half of what actuators can, to which a norm may let C and D grow that holds A_C in 1/s, or static gains in units far
+apart: beyond, each entry has its own size. Below, a norm of static gains serves better (four lifting jacks in mm and bar)."""
 
 TRIED = {"given_up": "before that", "not_taken": "after that, and not taken"}
 """What is said in a design of the other specifications that were tried, by key, and when that was."""
@@ -176,8 +177,9 @@ def _within_limits(
     ours, theirs = (np.asarray(_with(problem, one).gain_limit) for one in (limit, most))
     if problem.order and "gain_units" not in most and (ours >= theirs).all():
         return None
-    first = np.linalg.norm(sizes, 2) * np.linalg.norm(heard, axis=1).max()
-    if problem.order and first > np.sqrt(sizes.size) * HALF * problem.limits.min():
+    norm = np.linalg.norm(sizes, 2) if problem.order else limit["gain_limit"]
+    first = norm * np.linalg.norm(heard, axis=1).max()
+    if first > (np.sqrt(sizes.size) if problem.order else OF_U) * HALF * problem.limits.min():
         limit = _limit(*own, apart=0.0)
     said = _asked(problem, _of_two(problem, network), claim, tau, within=True)[0]
     said.pop("search_decay", None)
