@@ -3,7 +3,9 @@
 import json
 from copy import deepcopy
 
+import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from lockstep.check.certify import certified
 from lockstep.check.design_file.content import parse
@@ -11,9 +13,11 @@ from lockstep.check.design_file.messages import messages_of
 from lockstep.check.design_file.problem import ProblemTables
 from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.links import Messages
+from lockstep.lmi.sampled.messages import largest_faults
 from lockstep.lmi.sampled.messages.largest_faults import (
     ConstantSlope,
     _breaking_age,
+    _radius,
     bursts,
     constant_slopes,
     delays,
@@ -199,6 +203,33 @@ def test_ages_break_a_plain_integrator_where_theory_says():
     cases = [ConstantSlope(network, controllers, slope, said) for slope, said in constant_slopes(network, ())]
     assert _breaking_age(cases, 0, delays)[0] == 4, "g = 0.4: 2 sin(pi / 14) = 0.445, 2 sin(pi / 18) = 0.347"
     assert _breaking_age(cases, 0, bursts)[0] >= 4
+
+
+def test_an_age_that_breaks_is_found_between_the_ages_that_are_looked_at_first(monkeypatch):
+    """1, 2, 3, 4, 6, 8, 11, ...: what breaks from 9 on, and 5 by chance alone, is seen at 11 and told as 9."""
+    seen = []
+
+    def growth(_case, age, _pattern):
+        seen.append(age)
+        return (1.5 if age >= 9 or age == 5 else 0.5), f"at {age}"
+
+    monkeypatch.setattr(largest_faults, "_pattern_growth", growth)
+    assert _breaking_age([None], 0, lambda age: [(age,)]) == (9, "at 9")
+    assert 5 not in seen, "it is skipped, and nothing is said of it"
+    assert _breaking_age([None], 8, lambda age: [(age,)]) == (9, "at 9")
+    monkeypatch.setattr(largest_faults, "_pattern_growth", lambda *_: (0.5, ""))
+    assert _breaking_age([None], 0, lambda age: [(age,)])[0] is None
+
+
+def test_of_a_large_loop_one_eigenvalue_is_that_of_all(monkeypatch):
+    """The product of three random steps, once by Arnoldi's method and once with all eigenvalues."""
+    steps = [csr_array(step) for step in np.random.default_rng(3).normal(size=(3, 30, 30))]
+    whole = _radius(steps)
+    assert whole == pytest.approx(
+        np.abs(np.linalg.eigvals(steps[2] @ steps[1] @ steps[0].toarray())).max() ** (1 / 3)
+    )
+    monkeypatch.setattr(largest_faults, "LARGE", 0)
+    assert _radius(steps) == pytest.approx(whole, rel=1e-6)
 
 
 BAD = [
