@@ -177,7 +177,7 @@ LATER = {
         # 875 before one attempt after the other moved in, out of the roots, and said what it did not take; 1000 before static
         # gains were tried first where no order is named; 1016 before limits that actuators would take more than the run for
         # were noted, and what is seldom meant was gathered here, out of the roots
-        1040,
+        1050,
     ),
     "initial sets: a P of their own, gains that move": (
         [
@@ -192,7 +192,9 @@ LATER = {
             ),
             "model/lockstep/model/problem/leader.py",
         ],
-        410,  # 360 before sets in the unit of each state, and what is said of them
+        # 360 before sets in the unit of each state, and what is said of them; 410 before inputs were held against their
+        # limits in the file's run while gains are chosen
+        425,
     ),
     "bounds on each core: stack, flash, instructions": (
         # 70 of them the budgets that the roots had before

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from lmi_cases import PATH_2, problem
 
@@ -11,8 +12,10 @@ from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import Infeasible
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi import design as lmi_design
+from lockstep.lmi.analysis.covered_start import within_limits
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import Proposal
+from lockstep.lmi.specification import attempts
 from lockstep.model.problem import Problem
 
 POSED = problem(
@@ -103,6 +106,39 @@ def test_static_gains_within_limits_are_near_where_others_are_not_sized_for_thes
         )
         made = led_to((9.0, 9.0), *then, posed=posed)
         assert (made.certificate.rho, made.problem.order) == (9.0, 0)
+
+
+def test_static_gains_that_keep_inputs_within_their_limits_are_near_within_two_floors(
+    led_to: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of three floors, or of inputs that meet a limit from the file's start, states are tried as well."""
+    posed = replace(
+        WITHIN,
+        file=UNNAMED.file.model_copy(
+            update={"agent": WITHIN.file.agent, "simulation": WITHIN.file.simulation}
+        ),
+    )
+    for within in (True, False):
+        monkeypatch.setattr(attempts, "within_limits", lambda *_, within=within: within)
+        then = [] if within else [(1.3, 1.3)]
+        assert (led_to((1.9, 1.9), *then, posed=posed).problem.order == 0) is within
+        assert led_to((3.0, 3.0), (1.3, 1.3), posed=posed).problem.order > 0
+
+
+@pytest.mark.parametrize(("apart", "within"), [(0.49, True), (0.51, False)])
+def test_inputs_are_within_their_limits_from_the_start_of_the_file(
+    found: Proposal, apart: float, within: bool
+) -> None:
+    """u = D (x_1 - x_2) of each of two agents, largest at first: D times the limit 1 apart it is met."""
+    D = abs(float(found.gains.D[0][0, 0]))
+    limits = f"limits = {{ u = [-{D}, {D}] }}"
+    start = f"[simulation]\ninitial = [[-{apart}], [{apart}]]"
+    posed = problem(
+        dynamics={"x": "sin(x) + u"}, outputs={"y": "x"}, network=PATH_2, agent=limits, design=start
+    )
+    assert np.allclose(np.abs(found.gains.D), D)
+    assert within_limits(posed, found.network, found.gains) is within
+    assert not within_limits(UNNAMED, found.network, found.gains), "no limits, no start"
 
 
 def test_states_are_taken_where_they_lower_rho_by_a_tenth(led_to: Any) -> None:

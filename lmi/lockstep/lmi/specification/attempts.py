@@ -12,9 +12,11 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified, OutOfTime
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
+from lockstep.lmi.analysis.covered_start import within_limits
 from lockstep.lmi.proposal import Proposal, claim_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.specification.defaults import (
+    CALM,
     FAR,
     MUCH,
     STATES,
@@ -80,7 +82,8 @@ class _Tried:
         if best is None:
             return False
         if spec.static:
-            return bool(best.floor) and _shipped(best) <= spec.static
+            calm = spec.sized and within_limits(best.problem, best.network, best.gains)
+            return bool(best.floor) and _shipped(best) <= max(spec.static, CALM if calm else 0.0)
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))

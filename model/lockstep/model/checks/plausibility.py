@@ -219,22 +219,28 @@ def _left_alone(agent: Agent, starts: Float[np.ndarray, "N n"], T: float) -> Ite
 
 
 def _leads_away(problem: Problem) -> Iterator[CheckRow]:
-    """Yield a row where a leader, of which u = 0 unless it has a reference, leaves its domain within the run."""
+    """Yield a row where a leader, of which u = 0 unless it has a reference, leaves its domain within the run.
+
+    Without one agents that agree all do what one does with u = 0, from where they are on average as a rule.
+    """
     leads = np.flatnonzero(problem.graph().in_degrees == 0)[:1]
-    if not len(leads) or problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
+    if problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
         return
     two, t = Network(problem.agent(), Graph.topology("path", 2)), problem.simulation.horizon
     step = step_of(problem, t, held=True)
     idle = Gains.from_blocks(np.zeros((2, two.agent.m, two.agent.q)), 0)
-    start = problem.initial_states()[[*leads, *leads]]
+    start = problem.initial_states()[leads if len(leads) else slice(None)].mean(axis=0, keepdims=True)
+    start = np.repeat(start, 2, axis=0)
     try:
         run = simulate(two, idle, Scenario(start, min(t, MOST_STEPS * step), step))
         left = left_domain(run.t, run.x[:, :1], two.agent).removeprefix(f"{two.agent.name}1 ")
     except Diverged as error:
         left = f"diverges at {error.figures['time']:.4g} s"
     if left:
-        figure = f"agent {leads[0] + 1} leads and gets no u: by itself it {left}"
-        why = "the others follow it; of agents that leave their domain by themselves nothing is proved"
+        figure = f"from where all are on average one agent with u = 0 {left}, and so do all that agree"
+        if len(leads):
+            figure = f"agent {leads[0] + 1} leads and gets no u: by itself it {left}"
+        why = "the others go with it; of agents that leave their domain by themselves nothing is proved"
         yield CheckRow("initial states", "note", figure, why)
 
 
