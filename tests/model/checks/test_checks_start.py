@@ -76,7 +76,7 @@ def test_agents_that_leave_their_domain_by_themselves_within_a_period_are_noted(
         "[network]", "domain = { v = [-10.0, 10.0] }\n[network]"
     )
     starts = "[simulation]\ninitial = [[1.0, 0.0], [1.0, 0.0]]\n[controller]\nperiod = 0.01\n"
-    rows = [row for row in initial(Problem.parse(text + starts)) if "in the first 0.01 s" in row.figure]
+    rows = list(initial(Problem.parse(text + starts)))
     assert [row.verdict for row in rows] == ["note"] * noted
     if noted:
         assert (

@@ -27,7 +27,7 @@ from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 from lockstep.model.problem.tables.schema import AgentTable
 from lockstep.model.simulation.divergence import Diverged, left_domain
-from lockstep.model.simulation.from_problem import step_of
+from lockstep.model.simulation.from_problem import rate_of, step_of
 from lockstep.model.simulation.run import simulate
 from lockstep.model.simulation.scenario import Scenario
 
@@ -227,12 +227,14 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
     if problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
         return
     two, t = Network(problem.agent(), Graph.topology("path", 2)), problem.simulation.horizon
-    step = step_of(problem, t, held=True)
+    step, rate = step_of(problem, t, held=True), rate_of(problem)
+    parts = max(4, math.ceil(min(step * rate, MOST_STEPS)))  # a fast mode that dies out does not diverge
+    t = min(t, step * max(1.0, 4 * MOST_STEPS // parts))
     idle = Gains.from_blocks(np.zeros((2, two.agent.m, two.agent.q)), 0)
     start = problem.initial_states()[leads if len(leads) else slice(None)].mean(axis=0, keepdims=True)
     start = np.repeat(start, 2, axis=0)
     try:
-        run = simulate(two, idle, Scenario(start, min(t, MOST_STEPS * step), step))
+        run = simulate(two, idle, Scenario(start, t, step, substeps=parts))
         left = left_domain(run.t, run.x[:, :1], two.agent).removeprefix(f"{two.agent.name}1 ")
     except Diverged as error:
         left = f"diverges at {error.figures['time']:.4g} s"
