@@ -12,10 +12,10 @@ from lockstep.check.continuous.inequality import Certificate
 from lockstep.check.errors import Infeasible
 from lockstep.check.floor.witness import FloorWitness
 from lockstep.lmi import design as lmi_design
-from lockstep.lmi.analysis.covered_start import within_limits
 from lockstep.lmi.design import design
 from lockstep.lmi.proposal import Proposal
 from lockstep.lmi.specification import attempts
+from lockstep.lmi.specification.within_limits import within_limits
 from lockstep.model.problem import Problem
 
 POSED = problem(

@@ -15,6 +15,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.sampled.links import Messages
 from lockstep.lmi.sampled.messages import largest_faults
 from lockstep.lmi.sampled.messages.largest_faults import (
+    MOST_BROKEN,
     ConstantSlope,
     _breaking_age,
     _radius,
@@ -206,19 +207,17 @@ def test_ages_break_a_plain_integrator_where_theory_says():
 
 
 def test_an_age_that_breaks_is_found_between_the_ages_that_are_looked_at_first(monkeypatch):
-    """1, 2, 3, 4, 6, 8, 11, ...: what breaks from 9 on, and 5 by chance alone, is seen at 11 and told as 9."""
-    seen = []
-
-    def growth(_case, age, _pattern):
-        seen.append(age)
-        return (1.5 if age >= 9 or age == 5 else 0.5), f"at {age}"
-
-    monkeypatch.setattr(largest_faults, "_pattern_growth", growth)
-    assert _breaking_age([None], 0, lambda age: [(age,)]) == (9, "at 9")
-    assert 5 not in seen, "it is skipped, and nothing is said of it"
-    assert _breaking_age([None], 8, lambda age: [(age,)]) == (9, "at 9")
-    monkeypatch.setattr(largest_faults, "_pattern_growth", lambda *_: (0.5, ""))
-    assert _breaking_age([None], 0, lambda age: [(age,)])[0] is None
+    """What breaks from some age on is told as that age, wherever the first one that is looked at lies."""
+    for certified in (0, 1, 8, 63, 94):
+        for breaks in range(certified + 1, MOST_BROKEN + 1):
+            growth = {age: 1.5 if age >= breaks else 0.5 for age in range(MOST_BROKEN)}
+            monkeypatch.setattr(
+                largest_faults, "_pattern_growth", lambda _, age, __, of=growth: (of[age], f"at {age}")
+            )
+            found = (
+                (breaks, f"at {breaks}") if breaks < MOST_BROKEN else (None, "nothing tried broke the loop")
+            )
+            assert _breaking_age([None], certified, lambda age: [(age,)]) == found
 
 
 def test_of_a_large_loop_one_eigenvalue_is_that_of_all(monkeypatch):

@@ -145,6 +145,16 @@ def test_limits_that_never_suffice_are_noted():
     assert list(actuators.slow(Problem.parse(damped.format(period=0.25, apart=0.5)))) == []
 
 
+def test_of_inputs_without_a_limit_nothing_is_said():
+    """q' = w moves as far as w, which has none, would."""
+    other = CART.replace('states = ["p", "v"]', 'states = ["p", "v", "q"]').replace(
+        'inputs = ["u"]', 'inputs = ["u", "w"]'
+    )
+    other = other.replace('v = "u"', 'v = "u", q = "w"').replace('y = "p"', 'y = "p", z = "q"')
+    other = other.replace("[[0.0, 0.0], [{apart}, 0.0]]", "[[0.0, 0.0, 0.0], [{apart}, 0.0, 1.0]]")
+    assert list(actuators.slow(Problem.parse(other.format(period=0.25, apart=2.0)))) == []
+
+
 def test_a_pair_that_is_nearly_lost_is_noted_before_a_design_begins():
     """p' = -p + 1e-9 v: u moves p, and y shows v, by way of that alone, a thousandth in natural units."""
     nearly = CART.replace('p = "v", v = "u"', 'p = "-p + 1e-9*v", v = "-1000*v + u"')

@@ -58,11 +58,28 @@ def test_random_states_go_with_the_seed():
 
 
 def test_random_states_are_well_within_a_domain():
-    """4 <= p <= 8 has its middle at 6 and half of the way to its sides is 1, of -0.2 to 1 it is 0.1 about 0."""
-    for sides, middle, most in (("4.0, 8.0", 6.0, 1.0), ("-0.2, 1.0", 0.0, 0.1), ("-9.0, 9.0", 0.0, 1.0)):
+    """4 <= p <= 8 has its middle at 6 and half of the way to its sides is 1, of -0.2 to 1 it is 0.1 about 0.
+
+    0 on a side leaves no room about it; of 0.5 and more, or 0, what is 1 above and half of that around it is well within.
+    """
+    cases = (
+        ("4.0, 8.0", 6.0, 1.0),
+        ("-0.2, 1.0", 0.0, 0.1),
+        ("-9.0, 9.0", 0.0, 1.0),
+        ("0.0, 2.0", 1.0, 0.5),
+        ("-2.0, 0.0", -1.0, 0.5),
+        ("0.5, inf", 1.5, 0.5),
+        ("0.0, inf", 1.0, 0.5),
+        ("-inf, 0.0", -1.0, 0.5),
+        ("-1.0, inf", 0.0, 0.5),
+        ("-inf, inf", 0.0, 1.0),
+    )
+    for sides, middle, most in cases:
         domain = f"[agent.domain]\np = [{sides}]\n"
         drawn = np.array([scenario(domain, seed=seed).start[:, 0] for seed in range(40)]) - middle
         assert 0.9 * most < np.abs(drawn).max() <= most
+        if "inf" in sides:
+            continue
         drawn = np.array(
             [scenario(f"{domain}[simulation]\nspread = 0.05", seed=k).start[:, 0] for k in range(40)]
         )

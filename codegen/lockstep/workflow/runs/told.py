@@ -9,6 +9,7 @@ from jaxtyping import Float
 from lockstep.lmi.analysis.covered_start import times_covered
 from lockstep.lmi.analysis.decimals import below
 from lockstep.model.simulation.divergence import left_domain
+from lockstep.model.simulation.from_problem import channel_of
 
 if TYPE_CHECKING:
     from lockstep.workflow.runs.simulation import Simulation
@@ -76,7 +77,9 @@ def rows(run: "Simulation") -> dict[str, str]:
 def _without(run: "Simulation", besides: Mapping[str, Any]) -> str:
     """Return without what a proof of exact messages and undisturbed agents is, of that and `besides` what the run has."""
     here = {"disturbances": run.trajectory.xi.any(), "clipped inputs": run.trajectory.clipped, **besides}
-    here["messages that are lost, late, rounded or noisy"] = run.design.problem.simulation.channel
+    table = run.design.problem.simulation.channel
+    touched = table is not None and (not channel_of(table, 0).is_ideal or bool(table.noise))
+    here["messages that are lost, late, rounded or noisy"] = touched
     without = " and ".join(what for what, there in here.items() if there)
     return f" without {without} (this run has them)" if without else ""
 

@@ -6,18 +6,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import expm
 
 from lockstep.check.continuous.initial_set import axes_text
 from lockstep.check.design_file.claims import SampledClaims
-from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.decimals import round_down
 from lockstep.model.checks.plausibility import initial_deviations
-from lockstep.model.network import Network
 from lockstep.model.problem import Problem
-
-INSTANTS = 1000
-"""Of the run in which inputs are held against their limits, beside its beginning, where they are largest as a rule."""
 
 Away = Float[np.ndarray, "N n"] | None
 """x_i(0) - mean of each agent, where a problem names a start."""
@@ -54,22 +48,3 @@ def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
     if found and away is not None:
         found["start"] = math.hypot(*away.ravel())
     return found
-
-
-def within_limits(problem: Problem, network: Network, gains: Gains) -> bool:
-    """Whether no input meets its limit from the file's initial states: computed, of the linear part, in continuous time.
-
-    (15) without phi and disturbances, x_cl(0) = ((T (x) I) x(0), 0), u_i = [C_Ci D_Ci] Y_i x_cl.
-    """
-    away = initial_deviations(problem)
-    if away is None or not problem.has_limits:
-        return False
-    loop, K = network.loop(gains.order), gains.blocks
-    to_u = np.stack([(block @ Y)[gains.order :] for block, Y in zip(K, loop.Y, strict=True)])
-    x = np.pad((loop.d.T @ away).ravel(), (0, loop.n_x - loop.E.shape[1]))
-    step = expm(loop.A_cl(K) * (problem.simulation.horizon / INSTANTS))
-    for _ in range(INSTANTS):
-        if (np.abs(to_u @ x) > problem.limits).any():
-            return False
-        x = step @ x
-    return True

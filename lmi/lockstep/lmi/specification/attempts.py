@@ -12,7 +12,6 @@ import numpy as np
 
 from lockstep.check.errors import ClaimError, Infeasible, NotCertified, OutOfTime
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
-from lockstep.lmi.analysis.covered_start import within_limits
 from lockstep.lmi.proposal import Proposal, claim_of
 from lockstep.lmi.search.stopping import NothingYet, Stop
 from lockstep.lmi.specification.defaults import (
@@ -26,6 +25,7 @@ from lockstep.lmi.specification.defaults import (
     keeping,
     specifications,
 )
+from lockstep.lmi.specification.within_limits import within_limits
 from lockstep.model.assembly import network_of
 from lockstep.model.bound_search import Bound
 from lockstep.model.problem import Problem
@@ -82,8 +82,9 @@ class _Tried:
         if best is None:
             return False
         if spec.static:
-            calm = spec.sized and within_limits(best.problem, best.network, best.gains)
-            return bool(best.floor) and _shipped(best) <= max(spec.static, CALM if calm else 0.0)
+            if not best.floor or _shipped(best) > max(spec.static, CALM if spec.sized else 0.0):
+                return False
+            return _shipped(best) <= spec.static or within_limits(best.problem, best.network, best.gains)
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))

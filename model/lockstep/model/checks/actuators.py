@@ -60,9 +60,14 @@ def period(problem: Problem) -> Iterator[CheckRow]:
 
 
 def slow(problem: Problem) -> Iterator[CheckRow]:
-    """Yield a row where inputs at their limits do not move the outputs within the run as far as they are apart at first."""
-    outputs, horizon = outputs_apart(problem), problem.simulation.horizon
-    time = horizon if outputs is None else time_to_move(problem)
+    """Yield a row where inputs at their limits do not move the outputs within the run as far as they are apart at first.
+
+    Not where an input has no limit, or a mode is not controllable, which is told by itself.
+    """
+    horizon = problem.simulation.horizon
+    all_limited = outputs_apart(problem) is not None and np.isfinite(problem.limits).all()
+    asked = all_limited and linear_part.controllable(problem.agent(), problem.agents_B())[1].controllable
+    time = time_to_move(problem) if asked else horizon
     if time is None or time > horizon:
         held = "inputs held at [agent.limits]"
         apart = "the outputs as far as [simulation] has them apart"
@@ -84,7 +89,7 @@ def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
     pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
     yield from plausibility.unstable_alone(problem)
     yield from period(problem)
-    yield from slow(problem) if pairs[0][1].controllable else ()  # else the mode that is lost is told
+    yield from slow(problem)
     for row, pair in pairs:
         yield from [row] * (pair.relative_margin > pair.tolerance)
     yield from plausibility.units(problem)

@@ -235,9 +235,12 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
     start = np.repeat(start, 2, axis=0)
     try:
         run = simulate(two, idle, Scenario(start, t, step, substeps=parts))
-        left = left_domain(run.t, run.x[:, :1], two.agent).removeprefix(f"{two.agent.name}1 ")
+        left = left_domain(run.t, run.x[:, :1], two.agent)
     except Diverged as error:
-        left = f"diverges at {error.figures['time']:.4g} s"
+        left = error.figures["left"]
+        if not left or "inf at " in left:
+            left = f"diverges at {error.figures['time']:.4g} s"
+    left = left.removeprefix(f"{two.agent.name}1 ")
     if left:
         figure = f"from where all are on average one agent with u = 0 {left}, and so do all that agree"
         if len(leads):

@@ -19,7 +19,7 @@ from lockstep.check.sampled.discretise import either_way
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.state_sizes import middle
+from lockstep.model.agents.state_sizes import roomy_middle
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
 from lockstep.model.graphs.sparse_graph import SparseGraph
@@ -46,9 +46,6 @@ from lockstep.model.problem.weights import amplitudes, input_weight, scale_of_ea
 
 SEARCHED = ("certified", "modal")
 """Methods that look for gains, and take specifications beside rho."""
-
-WELL_WITHIN = 0.5
-"""Of how far the sides of a domain are from its middle, or 0: random states have room to move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,11 +385,8 @@ class Problem:
         return np.array(given, dtype=float)
 
     def random_states(self, agents: int, seed: int) -> Float[np.ndarray, "agents n"]:
-        """Return states within `spread` of 0, or of the middle of a domain, and well within a domain."""
-        about = middle(self._agent)
-        spread = np.minimum(
-            self.simulation.spread, WELL_WITHIN * np.abs(self._agent.box.T - about).min(axis=0)
-        )
+        """Return states within `spread` of 0, or of where a domain has its middle or its side, and well within it."""
+        about, spread = roomy_middle(self._agent, self.simulation.spread)
         drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(agents, self._agent.n))
         return np.asarray(about + spread * drawn)
 

@@ -48,6 +48,7 @@ def check_bounded(
         time=float(t[k]),
         agent=i + 1,
         state=agent.states[j],
+        left=left,
     )
 
 

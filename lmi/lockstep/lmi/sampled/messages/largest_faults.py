@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import expm
 from scipy.sparse import csr_array
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from lockstep.check.bound.slope_bounds import Entry
 from lockstep.check.sampled.controller import HeldController, SampledNetwork
@@ -240,12 +240,19 @@ def _breaking_loss(cases: list[ConstantSlope], certified: int) -> tuple[float | 
 def _breaking_age(
     cases: list[ConstantSlope], certified: int, patterns: Callable[[int], Iterator[tuple[int, ...]]]
 ) -> tuple[float | None, str]:
+    def grows(age: int) -> tuple[float, str]:
+        return max(_pattern_growth(case, age, pattern) for case in cases for pattern in patterns(age))
+
     below, age = certified, certified + 1
     while age < MOST_BROKEN:
-        growth, said = max(_pattern_growth(case, age, pattern) for case in cases for pattern in patterns(age))
-        if growth > 1 and age <= below + 1:
-            return age, said
-        below, age = (below, below + 1) if growth > 1 else (age, age + 1 + int(age * STRIDE))
+        if grows(age)[0] > 1:
+            return next(
+                (one, said)
+                for one in range(below + 1, age + 1)
+                for growth, said in [grows(one)]
+                if growth > 1
+            )
+        below, age = age, max(age + 1, min(age + 1 + int(age * STRIDE), MOST_BROKEN - 1))
     return None, FaultLimit.how
 
 
@@ -293,7 +300,7 @@ def _radius(steps: list[Any]) -> float:
 
     found = np.zeros(0)
     if size > LARGE:
-        with suppress(ArpackNoConvergence):
+        with suppress(ArpackError):
             found = eigs(LinearOperator((size, size), product, dtype=float), 1, v0=np.ones(size), tol=1e-9)[0]
     most = np.abs(found if len(found) else np.linalg.eigvals(product(np.eye(size)))).max()
     return float(most ** (1 / len(steps)))
