@@ -208,8 +208,8 @@ def test_ages_break_a_plain_integrator_where_theory_says():
 
 def test_an_age_that_breaks_is_found_between_the_ages_that_are_looked_at_first(monkeypatch):
     """What breaks from some age on is told as that age, wherever the first one that is looked at lies."""
-    for certified in (0, 1, 8, 63, 94):
-        for breaks in range(certified + 1, MOST_BROKEN + 1):
+    for proved in (0, 1, 8, 63, 94):
+        for breaks in range(proved + 1, MOST_BROKEN + 1):
             growth = {age: 1.5 if age >= breaks else 0.5 for age in range(MOST_BROKEN)}
             monkeypatch.setattr(
                 largest_faults, "_pattern_growth", lambda _, age, __, of=growth: (of[age], f"at {age}")
@@ -217,7 +217,7 @@ def test_an_age_that_breaks_is_found_between_the_ages_that_are_looked_at_first(m
             found = (
                 (breaks, f"at {breaks}") if breaks < MOST_BROKEN else (None, "nothing tried broke the loop")
             )
-            assert _breaking_age([None], certified, lambda age: [(age,)]) == found
+            assert _breaking_age([None], proved, lambda age: [(age,)]) == found
 
 
 def test_of_a_large_loop_one_eigenvalue_is_that_of_all(monkeypatch):

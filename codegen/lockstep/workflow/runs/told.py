@@ -1,7 +1,7 @@
 """What is told of a run, for people: how far apart the agents were, where they settled, and what is proved of such a run."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,12 +11,9 @@ from lockstep.lmi.analysis.decimals import below
 from lockstep.model.simulation.divergence import left_domain
 from lockstep.model.simulation.from_problem import channel_of
 
-if TYPE_CHECKING:
-    from lockstep.workflow.runs.simulation import Simulation
 
-
-def rows(run: "Simulation") -> dict[str, str]:
-    """Return what is to be told of the run, for people, by a word for each."""
+def rows(run: Any) -> dict[str, str]:
+    """Return what is to be told of a `Simulation`, which asks for it, for people, by a word for each."""
     trajectory, found, problem = run.trajectory, run.measured, run.design.problem
     agent = problem.agent()
     table = problem.simulation.disturbance
@@ -74,7 +71,7 @@ def rows(run: "Simulation") -> dict[str, str]:
     return told
 
 
-def _without(run: "Simulation", besides: Mapping[str, Any]) -> str:
+def _without(run: Any, besides: Mapping[str, Any]) -> str:
     """Return without what a proof of exact messages and undisturbed agents is, of that and `besides` what the run has."""
     here = {"disturbances": run.trajectory.xi.any(), "clipped inputs": run.trajectory.clipped, **besides}
     table = run.design.problem.simulation.channel
@@ -112,7 +109,7 @@ def _course(t: Float[np.ndarray, " K"], d: Float[np.ndarray, " K"], unit: str, s
     return f"{start} at the start, {most} at most, {later}{end} after {t[-1] - t[0]:g} s{settled}"
 
 
-def _ranges(run: "Simulation") -> dict[str, str]:
+def _ranges(run: Any) -> dict[str, str]:
     """Return over what the inputs, and the states of the domain, went: all agents, all instants."""
     problem, x, u = run.design.problem, run.trajectory.x, run.trajectory.u
     agent = problem.agent()
