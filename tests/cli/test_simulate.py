@@ -333,6 +333,12 @@ def test_a_start_beyond_the_set_of_initial_states_is_said(root, run, tmp_path):
     disturbed = " ".join(run(design, "--horizon", 0.1, "--disturbance", "noise").stdout.split())
     assert "0.159 times this start without disturbances" in disturbed
     content = json.loads(design.read_text())
+    for channel, has in (({"drop": 0.0, "delay": 0}, False), ({"noise": {"y1": 0.001}}, True)):
+        content["problem"]["simulation"]["channel"] = channel
+        (tmp_path / "channel.json").write_text(json.dumps(content))
+        said = run(tmp_path / "channel.json", "--horizon", 0.1).stdout
+        assert ("messages that are lost" in " ".join(said.split())) is has
+    del content["problem"]["simulation"]["channel"]
     content["problem"]["simulation"]["initial"] = [[0.0] * 4, [0.01] * 4]
     near = tmp_path / "near.json"
     near.write_text(json.dumps(content))

@@ -28,7 +28,7 @@ def _made_before(problem: Problem, progress: Progress) -> Design | None:
 
 def doubts(problem: Problem) -> list[str]:
     """Return what `check` notes of the signs, period, limits, units and start of a problem: each is seldom meant."""
-    from lockstep.model.checks.actuators import seldom_meant
+    from lockstep.model.checks.check import seldom_meant
 
     return [f"{row.name}: {row.figure}" for row in seldom_meant(problem) if row.verdict == "note"]
 

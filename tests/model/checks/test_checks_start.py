@@ -121,4 +121,4 @@ def test_a_leader_that_diverges_between_two_records_is_noted_all_the_same():
     text = text.replace("[network]", "domain = { p = [-1e12, 1e12] }\n[network]")
     starts = "[simulation]\ninitial = [[1.0, 0.0], [1.0, 0.0]]\nhorizon = 3.0\n"
     (row,) = initial(Problem.parse(text + starts))
-    assert "by itself it diverges at 1" in row.figure
+    assert "by itself it left the domain: p = inf at 1" in row.figure

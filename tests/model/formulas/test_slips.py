@@ -132,7 +132,7 @@ def test_limits_that_need_more_than_the_run_are_noted(apart, noted):
     Times are told in steps of a factor of root two of the period; before a design begins, too.
     """
     posed = Problem.parse(CART.format(period=1.0, apart=apart) + "horizon = 64.0")
-    rows = [row for row in actuators.slow(posed) if "and the run is 64 s" in row.figure]
+    rows = [row for row in actuators.slow(posed, controllable=True) if "and the run is 64 s" in row.figure]
     assert [(row.name, row.verdict) for row in rows] == [("limits", "note")] * noted
     assert any(doubt.startswith("limits: ") for doubt in doubts(posed)) is noted
 
@@ -140,9 +140,9 @@ def test_limits_that_need_more_than_the_run_are_noted(apart, noted):
 def test_limits_that_never_suffice_are_noted():
     """A spring of 1 1/s^2 holds 1 N at 1 m from rest, damped: 2 m are never reached, 0.5 m are."""
     damped = CART.replace('v = "u"', 'v = "u - p - 2*v"')
-    (row,) = actuators.slow(Problem.parse(damped.format(period=0.25, apart=2.0)))
+    (row,) = actuators.slow(Problem.parse(damped.format(period=0.25, apart=2.0)), controllable=True)
     assert "never move" in row.figure
-    assert list(actuators.slow(Problem.parse(damped.format(period=0.25, apart=0.5)))) == []
+    assert list(actuators.slow(Problem.parse(damped.format(period=0.25, apart=0.5)), controllable=True)) == []
 
 
 def test_of_inputs_without_a_limit_nothing_is_said():
@@ -152,7 +152,7 @@ def test_of_inputs_without_a_limit_nothing_is_said():
     )
     other = other.replace('v = "u"', 'v = "u", q = "w"').replace('y = "p"', 'y = "p", z = "q"')
     other = other.replace("[[0.0, 0.0], [{apart}, 0.0]]", "[[0.0, 0.0, 0.0], [{apart}, 0.0, 1.0]]")
-    assert list(actuators.slow(Problem.parse(other.format(period=0.25, apart=2.0)))) == []
+    assert list(actuators.slow(Problem.parse(other.format(period=0.25, apart=2.0)), controllable=True)) == []
 
 
 def test_a_pair_that_is_nearly_lost_is_noted_before_a_design_begins():

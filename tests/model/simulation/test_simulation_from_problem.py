@@ -72,6 +72,8 @@ def test_random_states_are_well_within_a_domain():
         ("0.0, inf", 1.0, 0.5),
         ("-inf, 0.0", -1.0, 0.5),
         ("-1.0, inf", 0.0, 0.5),
+        ("-1e-9, inf", 1.0, 0.5),
+        ("-1e-9, 10.0", 5.0, 1.0),
         ("-inf, inf", 0.0, 1.0),
     )
     for sides, middle, most in cases:

@@ -12,7 +12,7 @@ WELL_WITHIN = 0.5
 """Of how far the sides of a domain are from its middle, or 0: random states have room to move."""
 
 NEAR_SIDE = 0.05
-"""Of the width of a domain: with 0 nearer to a side its middle has more room."""
+"""Of the width of a domain, or of the spread: with 0 nearer to a side its middle has more room."""
 
 
 @lru_cache(maxsize=64)  # a run asks at each of its steps
@@ -42,16 +42,15 @@ def state_sizes(agent: Agent) -> Float[np.ndarray, " n"]:
     return sizes
 
 
-def roomy_middle(agent: Agent, spread: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return about what, and how far from it, states are well within a domain, `spread` away at most.
+def random_range(agent: Agent, spread: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return about which state random ones are drawn, and how far from it: `spread`, or half-way to the sides of the domain.
 
     About 0, but for a state whose domain has 0 outside or near a side: about its middle, or `spread` from its finite side.
     """
     low, high = agent.box.T
-    near = np.minimum(-low, high)
     with np.errstate(invalid="ignore"):
         inside = (low + high) / 2
-        about_0 = near >= np.where(np.isfinite(inside), NEAR_SIDE * (high - low), np.finfo(float).tiny)
+    about_0 = np.minimum(-low, high) >= NEAR_SIDE * np.minimum(high - low, spread)
     beside = np.where(np.isfinite(low), low + spread, high - spread)
     about = np.where(about_0, 0.0, np.where(np.isfinite(inside), inside, beside))
     return about, np.minimum(spread, WELL_WITHIN * np.minimum(about - low, high - about))

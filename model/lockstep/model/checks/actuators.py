@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.model.checks import linear_part, plausibility
+from lockstep.model.checks import plausibility
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.loop_transformation.natural_units import step_response
 from lockstep.model.problem import Problem
@@ -59,15 +59,14 @@ def period(problem: Problem) -> Iterator[CheckRow]:
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
 
 
-def slow(problem: Problem) -> Iterator[CheckRow]:
+def slow(problem: Problem, *, controllable: bool) -> Iterator[CheckRow]:
     """Yield a row where inputs at their limits do not move the outputs within the run as far as they are apart at first.
 
     Not where an input has no limit, or a mode is not controllable, which is told by itself.
     """
     horizon = problem.simulation.horizon
     all_limited = outputs_apart(problem) is not None and np.isfinite(problem.limits).all()
-    asked = all_limited and linear_part.controllable(problem.agent(), problem.agents_B())[1].controllable
-    time = time_to_move(problem) if asked else horizon
+    time = time_to_move(problem) if all_limited and controllable else horizon
     if time is None or time > horizon:
         held = "inputs held at [agent.limits]"
         apart = "the outputs as far as [simulation] has them apart"
@@ -81,16 +80,3 @@ def slow(problem: Problem) -> Iterator[CheckRow]:
             "from there agents come together as slowly as they do by themselves, or as actuators let them"
         )
         yield CheckRow("limits", "note", figure, reason)
-
-
-def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
-    """Yield what `check` says of signs, period, limits, units and start, and of a pair that is controllable by little."""
-    agent = problem.agent()
-    pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
-    yield from plausibility.unstable_alone(problem)
-    yield from period(problem)
-    yield from slow(problem)
-    for row, pair in pairs:
-        yield from [row] * (pair.relative_margin > pair.tolerance)
-    yield from plausibility.units(problem)
-    yield from plausibility.initial(problem)

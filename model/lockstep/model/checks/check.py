@@ -75,7 +75,7 @@ def check_problem(
         linear_part.directions(agent),
         *plausibility.unstable_alone(problem),
         *actuators.period(problem),
-        *actuators.slow(problem),
+        *actuators.slow(problem, controllable=inputs.controllable),
         *units,
         *plausibility.initial(problem),
     )
@@ -92,6 +92,19 @@ def check_problem(
         zeros=right,
         findings=findings,
     )
+
+
+def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
+    """Yield what `check_problem` says of signs, period, limits, units and start, and of a pair that is nearly lost."""
+    agent = problem.agent()
+    pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
+    yield from plausibility.unstable_alone(problem)
+    yield from actuators.period(problem)
+    yield from actuators.slow(problem, controllable=pairs[0][1].controllable)
+    for row, pair in pairs:
+        yield from [row] * (pair.relative_margin > pair.tolerance)
+    yield from plausibility.units(problem)
+    yield from plausibility.initial(problem)
 
 
 def _units(problem: Problem) -> Iterator[CheckRow]:

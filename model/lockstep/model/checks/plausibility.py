@@ -190,7 +190,7 @@ def initial(problem: Problem) -> Iterator[CheckRow]:
             yield CheckRow(
                 name, "note", f"{found}, and {why}: {meant:g} degrees are {math.radians(meant):.4g}", reason
             )
-    yield from list(_left_alone(agent, starts, problem.controller.period)) or _leads_away(problem)
+    yield from list(_left_alone(agent, starts, problem.controller.period)) or _leave_together(problem)
     where = np.argwhere((starts < agent.box[:, 0]) | (starts > agent.box[:, 1]))
     if len(where):
         i, j = where[0]
@@ -218,10 +218,10 @@ def _left_alone(agent: Agent, starts: Float[np.ndarray, "N n"], T: float) -> Ite
             return
 
 
-def _leads_away(problem: Problem) -> Iterator[CheckRow]:
+def _leave_together(problem: Problem) -> Iterator[CheckRow]:
     """Yield a row where a leader, of which u = 0 unless it has a reference, leaves its domain within the run.
 
-    Without one agents that agree all do what one does with u = 0, from where they are on average as a rule.
+    Without a leader: where one agent with u = 0 does from the mean of the starts. Agents that agree there all do so.
     """
     leads = np.flatnonzero(problem.graph().in_degrees == 0)[:1]
     if problem.spectrum or problem.reference or not np.isfinite(problem.agent().box).any():
@@ -237,12 +237,12 @@ def _leads_away(problem: Problem) -> Iterator[CheckRow]:
         run = simulate(two, idle, Scenario(start, t, step, substeps=parts))
         left = left_domain(run.t, run.x[:, :1], two.agent)
     except Diverged as error:
-        left = error.figures["left"]
-        if not left or "inf at " in left:
-            left = f"diverges at {error.figures['time']:.4g} s"
+        left = error.figures["left"] or f"diverges at {error.figures['time']:.4g} s"
     left = left.removeprefix(f"{two.agent.name}1 ")
     if left:
-        figure = f"from where all are on average one agent with u = 0 {left}, and so do all that agree"
+        figure = (
+            f"from where all are on average one agent with u = 0 {left}: all that agree there do the same"
+        )
         if len(leads):
             figure = f"agent {leads[0] + 1} leads and gets no u: by itself it {left}"
         why = "the others go with it; of agents that leave their domain by themselves nothing is proved"

@@ -19,7 +19,7 @@ from lockstep.check.sampled.discretise import either_way
 from lockstep.check.sampled.links import Messages
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.model.agents.agent import Agent
-from lockstep.model.agents.state_sizes import roomy_middle
+from lockstep.model.agents.state_sizes import random_range
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
 from lockstep.model.graphs.sparse_graph import SparseGraph
@@ -385,10 +385,10 @@ class Problem:
         return np.array(given, dtype=float)
 
     def random_states(self, agents: int, seed: int) -> Float[np.ndarray, "agents n"]:
-        """Return states within `spread` of 0, or of where a domain has its middle or its side, and well within it."""
-        about, spread = roomy_middle(self._agent, self.simulation.spread)
+        """Return states within `spread` of 0, or of the middle of a domain, and at most half-way to its sides."""
+        about, reach = random_range(self._agent, self.simulation.spread)
         drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(agents, self._agent.n))
-        return np.asarray(about + spread * drawn)
+        return np.asarray(about + reach * drawn)
 
     def validate(self) -> None:
         """Refuse a network that cannot agree, or that the method's assumptions do not cover.

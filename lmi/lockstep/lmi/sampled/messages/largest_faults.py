@@ -1,7 +1,8 @@
 """How much each fault of the messages may be before no certificate is found, and what breaks the loop beyond it.
 
-Each fault by itself: the largest that is certified, by bisection, each step a proof; and the least that is seen to break the
-linear part at a constant slope, in doubles: for losses the exact growth of the mean square, the spectral radius of
+Each fault by itself: the largest that is certified, by bisection, each step a proof; and one that is seen to break the
+linear part at a constant slope, in doubles, the least of those that are looked at: for losses the exact growth of the mean
+square, the spectral radius of
 
     X -> F X F' + sum_e p (1 - p) F_e X F_e',    (x_cl+, eps+) = (F + sum_e (delta_e - p) F_e) (x_cl, eps),
 
