@@ -4,6 +4,7 @@ import re
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 
+from bs4 import BeautifulSoup, NavigableString, Tag
 from docutils import nodes
 from latex2mathml.converter import convert
 
@@ -100,14 +101,77 @@ def _formula(node: nodes.math | nodes.math_block, display: str) -> str:
 
 
 def _kept(_app: object, page: nodes.document) -> None:
-    """Keep a formula in one line with the punctuation that follows it: browsers break there."""
-    for formula in list(page.findall(nodes.math)):
-        line, k = formula.parent, formula.parent.index(formula)
-        for after in line[k + 1 : k + 2]:
-            marks = re.match(r"[,.;:)]*", after.astext())[0]
-            if isinstance(after, nodes.Text) and marks:
-                kept = nodes.inline("", "", formula, nodes.Text(marks), classes=["kept"])
-                line[k : k + 2] = [kept, nodes.Text(after.astext()[len(marks) :])]
+    """Keep formulas and code in one line with the punctuation around them: browsers break there."""
+    for found in [*page.findall(nodes.math), *page.findall(nodes.literal)]:
+        line, k = found.parent, found.parent.index(found)
+        before, after = (line[j] if 0 <= j < len(line) else None for j in (k - 1, k + 1))
+        begin = re.search(r"[(\[]*$", before.astext())[0] if isinstance(before, nodes.Text) else ""
+        end = re.match(r"[,.;:)\]]*", after.astext())[0] if isinstance(after, nodes.Text) else ""
+        if begin or end:
+            line[k] = nodes.inline("", "", nodes.Text(begin), found, nodes.Text(end), classes=["kept"])
+        if begin:
+            line[k - 1] = nodes.Text(before.astext()[: -len(begin)])
+        if end:
+            line[k + 1] = nodes.Text(after.astext()[len(end) :])
+
+
+_BREAKS = re.compile(r"[^\w\s.]")
+"""What browsers break a word at: a hyphen, a slash, a bracket."""
+
+_NUMBER = re.compile(r"(\d(?:\.\d+)?e-\d+)")
+
+
+def _span(page: BeautifulSoup, name: str, *inside: Tag | NavigableString | str) -> Tag:
+    made = page.new_tag("span", attrs={"class": name})
+    made.extend(inside)
+    return made
+
+
+def _words(page: BeautifulSoup, code: Tag) -> None:
+    """Keep the words of a listing whole where its lines are wrapped, and the mark of a comment with its first word."""
+    pieces = [(piece, str(piece.string or "")) for piece in code.contents]
+    word: list[Tag | NavigableString] = []
+    made: list[Tag | NavigableString] = []
+
+    def end() -> None:
+        if _BREAKS.search("".join(piece.get_text() for piece in word)):
+            made.append(_span(page, "word", *word))
+        else:
+            made.extend(word)
+        word.clear()
+
+    for piece, text in pieces:
+        for part in re.findall(r"(?:#|//)[ ](?=\S)|\S+|\s+", text) or [""]:
+            shown: Tag | NavigableString = NavigableString(part)
+            if isinstance(piece, Tag):
+                shown = page.new_tag(piece.name, attrs=piece.attrs)
+                shown.append(part)
+            if part.isspace():
+                end()
+                made.append(shown)
+            else:
+                word.append(shown)
+    end()
+    code.clear()
+    code.extend(made)
+
+
+def _whole(_app: object, _page: str, _template: str, context: dict[str, str], _tree: object) -> None:
+    """Say to browsers what breaks where: words of listings, numbers, cells of tables that are stacked on a phone."""
+    page = BeautifulSoup(context.get("body", ""), "html.parser")
+    for code in page.select(".highlight pre"):
+        _words(page, code)
+    for text in page.find_all(string=_NUMBER):
+        if not text.find_parent(["pre", "code", "math"]):
+            parts: list[Tag | str] = list(_NUMBER.split(text))
+            parts[1::2] = [_span(page, "kept", number) for number in parts[1::2]]
+            text.replace_with(*parts)
+    for table in page.select(".stacked table"):
+        heads = [head.get_text() for head in table.select("th")]
+        for row in table.select("tbody tr"):
+            for head, cell in zip(heads[1:-1], row.select("td")[1:-1], strict=True):
+                cell["data-label"] = f"{head}: " if cell.get_text(strip=True) else ""
+    context["body"] = page.decode(formatter="minimal")
 
 
 def _inline(translator: object, node: nodes.math) -> None:
@@ -126,5 +190,6 @@ def setup(app: object) -> None:
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))  # type: ignore[attr-defined]
     app.connect("doctree-read", _kept)  # type: ignore[attr-defined]
     app.connect("source-read", _read)  # type: ignore[attr-defined]
+    app.connect("html-page-context", _whole)  # type: ignore[attr-defined]
     for priority, change in ((100, _hidden_colon), (800, _shown_colon), (900, _docstring)):
         app.connect("autodoc-process-docstring", change, priority=priority)  # type: ignore[attr-defined]
