@@ -1,10 +1,11 @@
 """The documentation site: Sphinx with MyST, and the API pages from the docstrings."""
 
+import html
 import re
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 
-from bs4 import BeautifulSoup, NavigableString, Tag
+from bs4 import BeautifulSoup
 from docutils import nodes
 from latex2mathml.converter import convert
 
@@ -115,62 +116,35 @@ def _kept(_app: object, page: nodes.document) -> None:
             line[k + 1] = nodes.Text(after.astext()[len(end) :])
 
 
-_BREAKS = re.compile(r"[^\w\s.]")
-"""What browsers break a word at: a hyphen, a slash, a bracket."""
-
 _NUMBER = re.compile(r"(\d(?:\.\d+)?e-\d+)")
 
+_JOINTS = re.compile(r"(?<=[/_.(=,])(?=\w)")
+"""Where a long name may go on in the next line."""
 
-def _span(page: BeautifulSoup, name: str, *inside: Tag | NavigableString | str) -> Tag:
-    made = page.new_tag("span", attrs={"class": name})
-    made.extend(inside)
-    return made
-
-
-def _words(page: BeautifulSoup, code: Tag) -> None:
-    """Keep the words of a listing whole where its lines are wrapped, and the mark of a comment with its first word."""
-    pieces = [(piece, str(piece.string or "")) for piece in code.contents]
-    word: list[Tag | NavigableString] = []
-    made: list[Tag | NavigableString] = []
-
-    def end() -> None:
-        if _BREAKS.search("".join(piece.get_text() for piece in word)):
-            made.append(_span(page, "word", *word))
-        else:
-            made.extend(word)
-        word.clear()
-
-    for piece, text in pieces:
-        for part in re.findall(r"(?:#|//)[ ](?=\S)|\S+|\s+", text) or [""]:
-            shown: Tag | NavigableString = NavigableString(part)
-            if isinstance(piece, Tag):
-                shown = page.new_tag(piece.name, attrs=piece.attrs)
-                shown.append(part)
-            if part.isspace():
-                end()
-                made.append(shown)
-            else:
-                word.append(shown)
-    end()
-    code.clear()
-    code.extend(made)
+LONG_NAME = 20
+"""Characters."""
 
 
 def _whole(_app: object, _page: str, _template: str, context: dict[str, str], _tree: object) -> None:
-    """Say to browsers what breaks where: words of listings, numbers, cells of tables that are stacked on a phone."""
+    """Say to browsers what breaks where: long names and numbers; and what cells are of that are stacked on a phone."""
     page = BeautifulSoup(context.get("body", ""), "html.parser")
-    for code in page.select(".highlight pre"):
-        _words(page, code)
-    for text in page.find_all(string=_NUMBER):
-        if not text.find_parent(["pre", "code", "math"]):
-            parts: list[Tag | str] = list(_NUMBER.split(text))
-            parts[1::2] = [_span(page, "kept", number) for number in parts[1::2]]
-            text.replace_with(*parts)
+    names = [name.string for name in page.select("code .pre") if len(name.string or "") > LONG_NAME]
+    numbers = [
+        text for text in page.find_all(string=_NUMBER) if not text.find_parent(["pre", "code", "math"])
+    ]
+    for texts, pattern, made in (
+        (names, _JOINTS, "<wbr>"),
+        (numbers, _NUMBER, r'<span class="kept">\1</span>'),
+    ):
+        for text in texts:
+            text.replace_with(BeautifulSoup(pattern.sub(made, html.escape(text)), "html.parser"))
     for table in page.select(".stacked table"):
         heads = [head.get_text() for head in table.select("th")]
         for row in table.select("tbody tr"):
-            for head, cell in zip(heads[1:-1], row.select("td")[1:-1], strict=True):
-                cell["data-label"] = f"{head}: " if cell.get_text(strip=True) else ""
+            for head, cell in zip(heads[1:], row.select("td")[1:], strict=True):
+                cell["data-label"] = "" if len(heads) == 2 or head == "what it is" else f"{head}: "
+                if not cell.get_text(strip=True):
+                    cell["class"] = "empty"
     context["body"] = page.decode(formatter="minimal")
 
 

@@ -53,8 +53,8 @@ def _any_row() -> Finding:
     L = Graph.topology("leader_path", 3).laplacian
     ranks = [_rank(np.delete(L, row, axis=0)) for row in range(3)]
     return Finding(
-        f"leader, follower, follower: rank {ranks[0]} without the leader's row, {ranks[1]} or {ranks[2]}"
-        " without a follower's; 2 is needed",
+        f"leader, follower, follower: rank {ranks[0]} without the leader's row, {max(ranks[1:])} without a follower's;"
+        " 2 is needed",
         ranks == [2, 1, 1],
     )
 

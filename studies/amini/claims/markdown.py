@@ -51,7 +51,7 @@ EQUATIONS = (
     ("(17), Definitions 1 and 2", "alpha-product, degree-length, equilibrium"),
     ("(18)", "dynamic-part: this P leaves the dynamics without effect"),
     ("(19), (20)", "last-column, unsquared, rho-charged, theorem-1"),
-    ("(21)", "hadamard-shape, hadamard; Pi_C is written with J_{n x nc}, as Pi_D should be"),
+    ("(21)", "hadamard-shape, hadamard; Pi_C is written with J of n x nc, as Pi_D should be"),
     ("(22)", "recovery, recovery-mended, theorem-1, corollary-1"),
     (
         "(23)",
@@ -78,7 +78,7 @@ EQUATIONS = (
 
 MENDED = (
     "Theorem 1 holds where all agents share one h with an incremental bound, every row of L_hat has one neighbour, k_i and"
-    " f_i are in the range of p_s B_i, (20) has |C_r|^2, (21) J_{n x q}, and (19) H_hat transposed. Asked for by the linear"
+    " f_i are in the range of p_s B_i, (20) has |C_r|^2, (21) J of n x q, and (19) H_hat transposed. Asked for by the linear"
     " p_s B_i = B_i X_i, that range has no solution on the example (recovery-mended)."
 )
 

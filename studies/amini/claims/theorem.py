@@ -66,7 +66,7 @@ def _hadamard_shapes() -> Finding:
     T, q = loop().d.T, 2
     return Finding(
         f"L_hat (x) 1_n is {4 * T.shape[0]} x {T.shape[1]}, the other factor {4 * T.shape[0]} x {q * T.shape[1]}: the"
-        " Hadamard product needs J_{n x q}",
+        " Hadamard product needs J of n x q",
         q * T.shape[1] != T.shape[1],
     )
 
@@ -82,7 +82,7 @@ def _hadamard() -> Finding:
     left = np.kron(np.eye(2), p_s) @ np.kron(T, np.eye(4)) @ whole
     right = np.kron(T, np.ones((4, 2))) * np.kron(np.ones((2, 1)), np.hstack(bodies))
     return Finding(
-        "block (a, i) of both is l_hat_ai p_s B_i D_Ci, with J_{n x q}; equal, entry by entry, for whole numbers",
+        "block (a, i) of both is l_hat_ai p_s B_i D_Ci, with J of n x q; equal, entry by entry, for whole numbers",
         bool((left == right).all()),
     )
 
