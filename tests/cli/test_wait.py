@@ -220,6 +220,22 @@ def test_a_second_run_takes_what_was_proved_and_a_fresh_one_does_not(small, tmp_
     assert kept(own_cache) == [file]
 
 
+def test_a_second_run_of_a_file_without_an_order_takes_what_was_proved(made, own_cache):
+    text = SMALL.replace("order = 0\n", "")
+    posed = lockstep.Problem.parse(text)
+    design_cache.keep(posed, made)  # of order 0, as by default
+    longer = lockstep.Problem.parse(text + "[simulation]\nhorizon = 3.0\n")
+    for problem in (posed, longer):
+        again = design_cache.recall(problem)
+        assert again is not None
+        assert [D.tolist() for D in again.gains.D] == [D.tolist() for D in made.gains.D]
+        assert again.problem.simulation.horizon == problem.simulation.horizon
+    content = json.loads(kept(own_cache)[0].read_text(encoding="utf-8"))
+    content["problem"]["design"]["starts"] = 3
+    kept(own_cache)[0].write_text(json.dumps(content), encoding="utf-8")
+    assert design_cache.recall(posed) is None, "what the file names is as it was asked for"
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="build compiles the C")
 def test_a_build_says_that_its_design_was_made_before(small, tmp_path, own_cache):

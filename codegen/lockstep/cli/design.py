@@ -129,6 +129,7 @@ def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, rest: st
     if not (sets := [one for one in (radius and f"|x_d(0)| <= {radius:.6g}", axes) if one]):
         return ""
     start = f", {times:g} times the start in the file" if times else ""
+    start += " (from further away an agent is out of its domain)" * limits.get(f"{of}in_domain", False)
     outside = f" (from there {beyond})" if times and times < 1 else ""
     return f"{said} {', or '.join(sets)}{start}{outside}{rest}"
 

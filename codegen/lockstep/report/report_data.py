@@ -95,11 +95,15 @@ class Facts:
         """Say from how many times the start of a run inputs do not saturate, and agents agree, and what makes that more."""
         slower = ", a lower `decay`" * bool(self.problem.design.decay)
         static = ", `order = 0`" * bool(self.problem.order)
+        design = self.problem.design
+        how = (
+            f" (a `gain_limit` below {design.gain_limit:g}, with the other keys of [design] as they stand,"
+            f" in the file or by default{slower}{static})"
+        )
         return (
             f"no saturation is proved {f'from {below(without, 3)} times this start' if without else 'at all'}"
             f"{f', agreement with saturation from {below(clipped, 3)} times it' if clipped else ''}: smaller gains enlarge"
-            f" that (a `gain_limit` below {self.problem.design.gain_limit:g}, with the other keys of [design] as they stand,"
-            f" in the file or by default{slower}{static})"
+            f" that{how * (design.method != 'given')}"
         )
 
     @property

@@ -354,7 +354,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "Root mean square of an input per standard deviation of the noise of an output at each reading, of the agent that"
             " it moves most, near agreement: computed of the linear part.",
         )
-    moving = "".join(f"; {row.figure}, a leader too" for row in unstable_alone(problem))
+    moving = "".join(f"; {row.figure.split('; ')[0]}" for row in unstable_alone(problem))
     deaf = np.flatnonzero(problem.graph().in_degrees == 0)
     where = f"that is up to agent {deaf[0] + 1}, which leads" if len(deaf) else "only that they are the same"
     yield Statement("where they agree", "", f"Which states the agents agree on: {where}{moving}.")

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from lockstep.model import ProblemError
@@ -49,6 +50,26 @@ def test_who_takes_the_range_that_is_named_has_a_bound(formula, box):
 
 def test_a_range_of_the_file_that_is_too_wide_is_told_a_narrower_one():
     assert "such as q = [-50.0, 50.0]" in remedy(jack("u - sqrt(100 + q)", q=(-200.0, 200.0)))
+
+
+def test_a_range_of_the_file_loses_the_end_that_does_not_do():
+    gap = jack("u - 1/p**2", p=(0.0, 20.0))
+    assert "such as p = [1.0, 20.0]: " in remedy(gap)
+    assert "such as p = [-20.0, -1.0]: " in remedy(jack("u - 1/p**2", p=(-20.0, 0.0)))
+    both = remedy(jack("u - sqrt(p)/q", p=(0.0, 2.0), q=(0.0, 4.0)))
+    assert "such as q = [0.2, 4.0] (in bar): " in both
+
+
+def test_a_root_without_a_value_is_no_jump_of_its_sign():
+    valve = "u + q*sqrt(210 - sign(q)*p)"
+    said = remedy(jack(valve, p=(0.0, 250.0), q=(-60.0, 60.0)))
+    assert (
+        said
+        == "give a box in [agent.domain], such as p = [0.0, 100.0], q = [-60.0, 60.0] (in bar): the certificate is then local"
+    )
+    with pytest.raises(ProblemError, match=r"on its domain: `sqrt` needs an argument from 0 up"):
+        bound_of(jack(valve, p=(0.0, 250.0), q=(-60.0, 60.0)))
+    assert np.isfinite(bound_of(jack(valve, p=(0.0, 120.0), q=(-60.0, 60.0)), boxes=3000).alpha)
 
 
 def test_a_range_of_the_file_in_which_nothing_grows_is_not_named():

@@ -1,6 +1,7 @@
 """The refusal of a nonlinearity without a bound, in the names of the problem file."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +14,15 @@ from lockstep.model.bound_search import Bound
 
 SIZES = [digit * 10.0**power for power in range(9, -7, -1) for digit in (5, 2, 1)]
 RANGES = [(-r, r) for r in SIZES] + [end for r in (1.0, 100.0, 0.01) for end in ((r / 10, r), (-r, -r / 10))]
-"""Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large."""
+"""Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large. Before
+them, what the file has without its lowest or highest `END`."""
+
+END = 0.05
 
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:
     """Return the refusal of a phi whose slope has no finite bound on its domain."""
+    bound = _without_value(bound, agent)
     box = _domain(bound, agent)
     local = "the certificate is then local"
     return ProblemError(
@@ -30,6 +35,17 @@ def no_bound(bound: Bound, agent: Agent) -> ProblemError:
     )
 
 
+def _without_value(bound: Bound, agent: Agent) -> Bound:
+    """Return why there is no bound: no value, where continuity was not shown for that reason alone."""
+    jumps, needs = ([c for c in agent.exact.phi.conditions if c.jumps is one] for one in (True, False))
+    if not any(bound.reason.startswith(c.text) for c in jumps):
+        return bound
+    box = agent.argument_box
+    ends = [[*end, time] for end, time in ((box.lower, -np.inf), (box.upper, np.inf))]
+    missing = Conditions(needs).open_on(*(np.array(end)[:, None] for end in ends)).conditions
+    return replace(bound, reason=missing[0].text) if missing else bound
+
+
 def _domain(bound: Bound, agent: Agent) -> str:
     """Return ranges of states that would do, as a file has them, for what has no value or grows towards infinity; or ""."""
     H, phi = agent.lure.H, agent.exact.phi
@@ -37,25 +53,35 @@ def _domain(bound: Bound, agent: Agent) -> str:
     used = {k for c in needs for node in c.nodes for k in node.variables if k < phi.inputs}
     used = used or {int(k) - 1 for k in re.findall(r"\bv(\d+) -> ", bound.reason)}
     states = np.flatnonzero(H[sorted(used)].any(axis=0))
-    low, high = (-1.0, 1.0) if not needs else _where_defined(agent, Conditions(needs), states) or (0.0, 0.0)
     if not needs:  # a range that the file has is none that grows
         states = states[np.isinf(agent.box[states]).any(axis=1)]
+    ranges = (
+        _where_defined(agent, Conditions(needs), states) if needs else np.tile((-1.0, 1.0), (len(states), 1))
+    )
     units = [agent.units.get(agent.states[j]) for j in states]
-    named = [f"{agent.states[j]} = [{low!r}, {high!r}]" for j in states if low < high]
+    ends = [[float(f"{end:.3g}") for end in one] for one in ranges]
+    named = [f"{agent.states[j]} = {one}" for j, one in zip(states, ends, strict=False)]
     return ", ".join(one + f" (in {unit})" * bool(unit) for one, unit in zip(named, units, strict=False))
 
 
-def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> tuple[float, float] | None:
-    """Return the first of `RANGES` of these states that is surely well inside of where the needs hold, or None."""
+def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> np.ndarray:
+    """Return the first ranges of these states that are surely well inside of where the needs hold, a row each, or none."""
+    own = agent.box[states]
+    inner = END * np.diff(own) * [[[1.0, 0.0]], [[0.0, -1.0]]] + own if np.isfinite(own).all() else []
+    tried = [*inner, *(np.tile(one, (len(states), 1)) for one in RANGES)]
     boxes = []
-    for low, high in RANGES:
+    for ranges in tried:
         box = agent.box.copy()  # twice as far: the slope is infinite at the end of the domain of a root
-        box[states] = low * (2.0 if low < 0 else 0.5), high * (2.0 if high > 0 else 0.5)
+        box[states] = ranges * np.where(ranges < 0, (2.0, 0.5), (0.5, 2.0))
         of = argument_box(agent.lure.H, box)
         boxes.append(((*of.lower, -np.inf), (*of.upper, np.inf)))
     lower, upper = np.array(boxes).transpose(1, 2, 0)
     held = np.logical_and.reduce(needs.on_boxes(lower, upper))
-    return RANGES[int(held.argmax())] if held.any() else None
+    if not held.any():
+        return np.empty((0, 2))
+    found = tried[int(held.argmax())]
+    within = np.column_stack([np.maximum(found[:, 0], own[:, 0]), np.minimum(found[:, 1], own[:, 1])])
+    return np.where(np.diff(within) > 0, within, found)
 
 
 def _equation(agent: Agent) -> str:

@@ -64,7 +64,7 @@ def period(problem: Problem) -> CheckRow:
         figure = f"{T:g} s is {quick * T:.2g} of the agent's shortest time constant, {1 / quick:.3g} s: is it in s?"
         return CheckRow("period", "note", figure, reason)
     if w == 0.0:
-        said = "the open-loop agent has no oscillatory or unstable mode there"
+        said = "the open-loop agent has no oscillatory or unstable mode at the start or in the middle of the domain"
         if (slow := min(sizes)) * T <= 1.0:
             return CheckRow("period", "ok", f"{T:g} s; {said}", reason)
         usual = f"{0.1 / slow:.2g} to {0.25 / slow:.2g} s is usual (Astrom and Wittenmark 1997)"
@@ -85,9 +85,12 @@ def unstable_alone(problem: Problem) -> Iterator[CheckRow]:
     fastest = max((s.real for s in _modes(problem)), default=0.0)
     if fastest > 0:
         reason = "controllers see differences only: what all agents do together stays what each does alone"
-        figure = f"unstable in open loop ({fastest:.3g} 1/s): consensus does not stabilise the common motion"
+        figure = f"unstable in open loop ({fastest:.3g} 1/s): consensus does not stabilise the common motion, or a leader"
         grows = fastest * problem.simulation.horizon > 1  # by e within the run
-        yield CheckRow("open-loop agent", "note", figure + "; a wrong sign?" * grows, reason)
+        doubt = (
+            "; a wrong sign?" if problem.leader is None else "; one that rests is meant by [network] leader"
+        )
+        yield CheckRow("open-loop agent", "note", figure + doubt * grows, reason)
 
 
 def _modes(problem: Problem) -> list[complex]:

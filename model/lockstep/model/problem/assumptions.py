@@ -13,8 +13,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lockstep.check.bound.decide import decide_offset
+from lockstep.check.bound.slopes import SlopeProblem
 from lockstep.check.errors import ProblemError, demand
 from lockstep.model.agents.agent import Agent
+from lockstep.model.agents.unbounded_slope import no_bound
+from lockstep.model.bound_search import UNFINISHED, search_bound
 from lockstep.model.control.pbh import Controllability, Observability, controllability, observability
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.loop_transformation.centring import GROWING, NO_SLOPES
@@ -67,8 +70,11 @@ def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observabil
     """Say, before what is lost and as the first remedy, where A may lack what phi does.
 
     That is sqrt(x) or q/h without a domain, whose slopes have no middle to move into A; or sin(x), whose slopes are around
-    zero on the whole line, though no mode is lost at the origin; or sqrt(1 + x) on a domain that reaches -1. Where nothing is
-    moved into A, since the file says so, no domain helps.
+    zero on the whole line, though no mode is lost at the origin. Where nothing is moved into A, since the file says so, no
+    domain helps.
+
+    Raises:
+        ProblemError: no finite slopes on the domain of the file: sqrt(1 + x) where it reaches -1.
     """
     if not agent.centre:
         counts = modes(_at_the_origin(agent)).unstable_eigenvalue is None
@@ -79,11 +85,10 @@ def _lost_slopes(agent: Agent, modes: Callable[..., Controllability | Observabil
     endless = np.isinf(agent.box).any(axis=1) & agent.lure.H.any(axis=0)
     free = ", ".join(np.array(agent.states)[endless])
     finite = agent.centring.reason not in (NO_SLOPES, GROWING)
-    if agent.domain and not free and not finite:
-        return (
-            "the slopes on [agent.domain] have no middle that counts in A, and ",
-            "give a smaller domain; or ",
-        )
+    if agent.domain and not finite:
+        bound = search_bound(SlopeProblem.of(agent.exact.phi, agent.argument_box))
+        if not np.isfinite(bound.alpha) and bound.reason != UNFINISHED:
+            raise no_bound(bound, agent)
     if not free or (finite and modes(_at_the_origin(agent)).unstable_eigenvalue is not None):
         return "", ""
     where = f" of {free}" if agent.domain else ""
