@@ -118,7 +118,7 @@ def _kept(_app: object, page: nodes.document) -> None:
 
 _NUMBER = re.compile(r"(\d(?:\.\d+)?e-\d+)")
 
-_JOINTS = re.compile(r"(?<=[/_.(=,])(?=\w)")
+_JOINTS = re.compile(r"(?<=[/_.(=,])(?=[^\W\d])")
 """Where a long name may go on in the next line."""
 
 LONG_NAME = 20
@@ -141,10 +141,10 @@ def _whole(_app: object, _page: str, _template: str, context: dict[str, str], _t
     for table in page.select(".stacked table"):
         heads = [head.get_text() for head in table.select("th")]
         for row in table.select("tbody tr"):
-            for head, cell in zip(heads[1:], row.select("td")[1:], strict=True):
+            for head, cell in zip(heads[1:], row.select("td")[1:], strict=False):
                 cell["data-label"] = "" if len(heads) == 2 or head == "what it is" else f"{head}: "
                 if not cell.get_text(strip=True):
-                    cell["class"] = "empty"
+                    cell["class"] = [*cell.get("class", []), "empty"]
     context["body"] = page.decode(formatter="minimal")
 
 

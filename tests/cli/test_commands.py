@@ -65,12 +65,13 @@ def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     said = proved_besides({**of, "limits": axes})["with saturation"]
     assert said.startswith("agreement from |x_d(0)| <= 1.9, or sum (...), a = 80 m (x), 0.5 (v), 0.71 times")
     assert "(from there nothing is proved)" in said
-    beyond = {"clipped_radius": 1.9, "clipped_times_start": 2.5, "clipped_in_domain": True}
+    beyond = {
+        "clipped_radius": 1.9,
+        "clipped_times_start": 2.5,
+        "clipped_beyond": "an agent is out of its domain",
+    }
     said = proved_besides({**of, "limits": beyond, "scope": "local"})["with saturation"]
-    assert (
-        "2.5 times the start in the file (from further away an agent is out of its domain), controllers"
-        in said
-    )
+    assert "2.5 times the start in the file (from there an agent is out of its domain), controllers" in said
     assert not proved_besides(of, lambda claim: claim != "clipped")
     nothing = proved_besides({**of, "limits": {}})
     assert nothing["no saturation"] == nothing["with saturation"] == "nothing is proved", (

@@ -128,9 +128,8 @@ def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, rest: st
     radius, axes, times = (limits.get(f"{of}{key}") for key in ("radius", "text", "times_start"))
     if not (sets := [one for one in (radius and f"|x_d(0)| <= {radius:.6g}", axes) if one]):
         return ""
-    start = f", {times:g} times the start in the file" if times else ""
-    start += " (from further away an agent is out of its domain)" * limits.get(f"{of}in_domain", False)
-    outside = f" (from there {beyond})" if times and times < 1 else ""
+    start, cut = f", {times:g} times the start in the file" if times else "", limits.get(f"{of}beyond")
+    outside = f" (from there {cut or beyond})" if times and (times < 1 or cut) else ""
     return f"{said} {', or '.join(sets)}{start}{outside}{rest}"
 
 

@@ -25,7 +25,7 @@ def obstacle(stored: Stored) -> str | None:
     """Say why a design cannot be made for its period, or None."""
     problem = stored.problem
     if problem.design.method != "certified":
-        remedy = "take another one, smaller gains, or less decay"
+        remedy = "take another period, smaller gains, or less decay"
         return f'the gains of method "{problem.design.method}" are not designed for a period: {remedy}'
     if problem.design.objective == "initial_set":
         return 'objective is "initial_set", which a descent on rho would spend'

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lockstep.codegen.manifest import FILE_NAME, Manifest
-from lockstep.lmi.analysis.covered_start import times_covered
+from lockstep.lmi.analysis.covered_start import times_covered, times_in_domain
 from lockstep.lmi.analysis.decimals import below
 from lockstep.lmi.document import Stored
 from lockstep.lmi.trade_off.pareto import ParetoPoint
@@ -64,8 +64,9 @@ class Facts:
         left = left_domain(run.t, run.x, self.problem.agent()) if claims.scope == "local" else ""
         inside, sampled = claims.initial_set, claims.sampled
         away = run.errors()[0]
-        without = times_covered(sampled.radius, sampled.half_axes, away)
-        clipped = times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away)
+        most = times_in_domain(self.problem, away) if claims.scope == "local" else np.inf
+        without = min(most, times_covered(sampled.radius, sampled.half_axes, away))
+        clipped = min(most, times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away))
         stays = times_covered(inside.radius, inside.half_axes, away) if inside else 1.0
         apart = "" if max(without, clipped) >= 1 else self._apart_at_end(run)
         calm = " and without disturbances" * bool(run.xi.any())

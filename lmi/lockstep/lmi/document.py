@@ -132,7 +132,11 @@ def answer_document(stored: Stored) -> dict[str, Any]:
         "entries": [one | {"slope": slope} for one, slope in zip(claimed["entries"], slopes, strict=True)],
         "floor_proof": "none" if claims.floor is None else "exact",
         **({"initial_set": initial} if claims.scope == "local" else {}),
-        **({"limits": limits_answer(claims.sampled, stored.problem)} if stored.problem.has_limits else {}),
+        **(
+            {"limits": limits_answer(claims.sampled, stored.problem, local=claims.scope == "local")}
+            if stored.problem.has_limits
+            else {}
+        ),
         **graph_answer(stored),
         "gains": gains_document(stored.gains),
         "sampled": sampled_answer(stored),

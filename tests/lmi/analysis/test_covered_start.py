@@ -34,10 +34,38 @@ def test_a_start_grows_about_its_mean_until_an_agent_is_out_of_the_domain():
     assert times_in_domain(problem, None) == math.inf
 
 
+@pytest.mark.parametrize(
+    ("starts", "most"),
+    [
+        ("[[3.0, 2.0], [4.0, 2.0]]", 0.0),  # both out of it
+        ("[[3.0, 1.5], [4.0, -0.1]]", 0.0),
+        ("[[3.0, 1.0], [4.0, 1.0]]", math.inf),  # at its side, all alike: p alone grows
+        ("[[3.0, 0.7], [4.0, 0.7], [5.0, 0.7]]", math.inf),
+        ("[[3.0, 1.0], [4.0, 0.0]]", 1.0),
+    ],
+)
+def test_a_start_out_of_the_domain_is_in_it_no_times_and_states_in_agreement_stay_where_they_are(
+    starts, most
+):
+    text = TEXT.replace("[[3.0, 0.4], [3.0, -0.1]]", starts).replace(
+        "agents = 2", f"agents = {starts.count('],') + 1}"
+    )
+    problem = Problem.parse(text)
+    assert times_in_domain(problem, initial_deviations(problem)) == most
+
+
 def test_what_a_radius_covers_is_told_as_far_as_the_domain_goes():
     """|x_d| of the start is 0.25 sqrt(2) = 0.3536: a ball of 1 holds it 2.82 times, one of 10 28 times."""
-    said = limits_answer(SampledClaims(certified=True, radius=1.0, clipped_radius=10.0), Problem.parse(TEXT))
+    claims = SampledClaims(certified=True, radius=1.0, clipped_radius=10.0)
+    said = limits_answer(claims, Problem.parse(TEXT), local=True)
     assert said["times_start"] == 2.82
-    assert "in_domain" not in said
-    assert (said["clipped_times_start"], said["clipped_in_domain"]) == (pytest.approx(3.4, abs=0.011), True)
+    assert "beyond" not in said
+    assert said["clipped_times_start"] == pytest.approx(3.4, abs=0.011)
     assert said["clipped_times_start"] <= 3.4
+    assert said["clipped_beyond"] == "an agent is out of its domain"
+    everywhere = limits_answer(claims, Problem.parse(TEXT))
+    assert everywhere["clipped_times_start"] == pytest.approx(28.2, abs=0.1)
+    assert "clipped_beyond" not in everywhere
+    outside = Problem.parse(TEXT.replace("[3.0, 0.4]", "[3.0, 1.4]"))
+    assert limits_answer(SampledClaims(), outside, local=True).keys() <= {"start"}
+    assert "times_start" not in limits_answer(claims, outside, local=True)

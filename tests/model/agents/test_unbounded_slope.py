@@ -63,13 +63,37 @@ def test_a_range_of_the_file_loses_the_end_that_does_not_do():
 def test_a_root_without_a_value_is_no_jump_of_its_sign():
     valve = "u + q*sqrt(210 - sign(q)*p)"
     said = remedy(jack(valve, p=(0.0, 250.0), q=(-60.0, 60.0)))
-    assert (
-        said
-        == "give a box in [agent.domain], such as p = [0.0, 100.0], q = [-60.0, 60.0] (in bar): the certificate is then local"
-    )
+    box = "p = [0.0, 100.0], q = [-60.0, 60.0] (in bar)"
+    assert said == f"give a box in [agent.domain], such as {box}: the certificate is then local"
     with pytest.raises(ProblemError, match=r"on its domain: `sqrt` needs an argument from 0 up"):
         bound_of(jack(valve, p=(0.0, 250.0), q=(-60.0, 60.0)))
-    assert np.isfinite(bound_of(jack(valve, p=(0.0, 120.0), q=(-60.0, 60.0)), boxes=3000).alpha)
+    assert np.isfinite(bound_of(jack(valve, p=(0.0, 100.0), q=(-60.0, 60.0)), boxes=3000).alpha)
+
+
+@pytest.mark.parametrize("root", ["sqrt(q*q - 2*q + 1.5)", "log(q*q - 2*q + 1.5)"])
+def test_a_jump_beside_a_value_that_one_interval_does_not_prove_is_a_jump(root):
+    """q^2 - 2 q + 1.5 = (q - 1)^2 + 0.5."""
+    with pytest.raises(ProblemError, match=r"on its domain: `sign` jumps"):
+        bound_of(jack(f"u + sign(p) + {root}", q=(-1.0, 5.0)))
+
+
+@pytest.mark.parametrize(
+    ("formula", "domain", "box"),
+    [
+        (
+            "u - p*log(p*q)",
+            {"p": (0.0, 3.0), "q": (999.6, 1000.4)},
+            "p = [0.15, 3.0], q = [999.64, 1000.4] (in bar)",
+        ),
+        ("u - tan(q)", {"q": (2.0, 5.0)}, "q = [2.0, 4.25] (in bar)"),
+        ("u - log(q)", {"q": (-1.0, 0.05)}, "q = [0.001, 0.01] (in bar)"),
+    ],
+)
+def test_a_box_keeps_to_the_ranges_of_the_file(formula, domain, box):
+    assert f"such as {box}: " in remedy(jack(formula, **domain))
+    named = re.findall(r"(\w+) = \[(\S+), (\S+)\]", box)
+    obeyed = jack(formula, **{state: (float(low), float(high)) for state, low, high in named})
+    assert np.isfinite(bound_of(obeyed, boxes=2000).alpha)
 
 
 def test_a_range_of_the_file_in_which_nothing_grows_is_not_named():

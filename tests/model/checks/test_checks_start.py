@@ -66,14 +66,6 @@ def test_a_sign_is_doubted_where_an_agent_runs_away_within_the_run(damping, verd
     assert ["wrong sign" in row.figure for row in rows] == [asked] * len(rows)
 
 
-def test_behind_a_leader_that_is_said_to_rest_no_sign_is_doubted():
-    path = TEXT.replace("u - v", "u + v").replace("[network]", "domain = { v = [-1.0, 1.0] }\n[network]")
-    path = path.replace('"cycle"', '"leader_path"\nleader = { v = [-0.1, 0.1] }')
-    (row,) = unstable_alone(Problem.parse(path))
-    assert "wrong sign" not in row.figure
-    assert row.figure.endswith("; one that rests is meant by [network] leader")
-
-
 @pytest.mark.parametrize(
     ("rate", "noted"), [("u - v + 1e4", True), ("u - v + 1e2", False), ("u - 1e4*(v - p)", False)]
 )

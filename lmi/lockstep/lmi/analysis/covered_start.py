@@ -30,19 +30,26 @@ def times_covered(radius: float | None, half_axes: Sequence[float] | None, away:
     return max((1 / math.hypot(*(away / a).ravel()) for a in sizes), default=0.0)
 
 
+ROUNDED = 1e-12
+"""Of a state: what agents are further apart than is no rounding of their mean."""
+
+
 def times_in_domain(problem: Problem, away: Away) -> float:
-    """Return how many times as far from agreement a start may be before an agent is out of the domain."""
+    """Return how many times as far from agreement a start may be before an agent is out of the domain; 0 if one is."""
     if away is None:
         return math.inf
-    box, centre = problem.agent().box, problem.initial_states() - away
-    room, apart = np.where(away > 0, box[:, 1], box[:, 0]) - centre, away != 0
-    return float(np.min(room[apart] / away[apart], initial=math.inf))
+    box, starts = problem.agent().box, problem.initial_states()
+    if ((starts < box[:, 0]) | (starts > box[:, 1])).any():
+        return 0.0
+    apart = abs(away) > ROUNDED * abs(starts).max(axis=0)
+    room = np.where(away > 0, box[:, 1], box[:, 0]) - starts
+    return float(1 + np.min(room[apart] / away[apart], initial=math.inf))
 
 
-def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
+def limits_answer(claims: SampledClaims, problem: Problem, *, local: bool = False) -> dict[str, Any]:
     """Return what is claimed of limits, |x_d(0)| of the start in the file, and how many times that start is covered.
 
-    No start that is out of the domain is covered.
+    Of a design on a domain (local) no start that is out of it is covered.
     """
     sets = {
         "": (claims.radius, claims.half_axes),
@@ -50,15 +57,15 @@ def limits_answer(claims: SampledClaims, problem: Problem) -> dict[str, Any]:
     }
     found: dict[str, Any] = {"gain": claims.limits_gain}
     away, agent = initial_deviations(problem), problem.file.agent
-    most = times_in_domain(problem, away)
+    most = times_in_domain(problem, away) if local else math.inf
     for name, (radius, axes) in sets.items():
         found[f"{name}radius"] = radius
         if axes:
             found[f"{name}half_axes"] = dict(zip(agent.states, axes, strict=True))
             found[f"{name}text"] = axes_text(axes, agent.states, agent.units)
         times = times_covered(radius, axes, away)
-        found[f"{name}times_start"] = round_down(min(times, max(most, 0.0)), 3) or None
-        found[f"{name}in_domain"] = times > most or None
+        found[f"{name}times_start"] = round_down(min(times, most), 3) or None
+        found[f"{name}beyond"] = "an agent is out of its domain" if times > most > 0 else None
     found = {key: one for key, one in found.items() if one is not None}
     if found and away is not None:
         found["start"] = math.hypot(*away.ravel())

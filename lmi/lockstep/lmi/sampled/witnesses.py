@@ -32,7 +32,7 @@ LEAST = 1e-6
 
 ROUNDED = (
     "without rounding there is one (computed): lower the gains, which may be large and cancel (`gain_limit`; of method"
-    ' "given" scale states of the controllers, so that B and C are of one size), or take [controller] real = "float64"'
+    ' "given" scale the states that controllers have, so that B and C are of one size), or take [controller] real = "float64"'
 )
 """Units of outputs and inputs do not matter: the errors are counted in those of the rows and columns of the gains."""
 

@@ -1,5 +1,6 @@
 """The refusal of a nonlinearity without a bound, in the names of the problem file."""
 
+import itertools
 import re
 from dataclasses import replace
 
@@ -15,9 +16,12 @@ from lockstep.model.bound_search import Bound
 SIZES = [digit * 10.0**power for power in range(9, -7, -1) for digit in (5, 2, 1)]
 RANGES = [(-r, r) for r in SIZES] + [end for r in (1.0, 100.0, 0.01) for end in ((r / 10, r), (-r, -r / 10))]
 """Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large. Before
-them, what the file has without its lowest or highest `END`."""
+them, what the file has without a part of its lowest or highest."""
 
-END = 0.05
+ENDS = (0.05, 0.25, 0.5)
+
+FAR, MOST_ENDS = 1e6, 8
+"""Where a range that does not end is looked at; arguments that are looked at at both of their ends."""
 
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:
@@ -36,13 +40,14 @@ def no_bound(bound: Bound, agent: Agent) -> ProblemError:
 
 
 def _without_value(bound: Bound, agent: Agent) -> Bound:
-    """Return why there is no bound: no value, where continuity was not shown for that reason alone."""
+    """Return why there is no bound: no value at a corner of the domain, where continuity was not shown beside that."""
     jumps, needs = ([c for c in agent.exact.phi.conditions if c.jumps is one] for one in (True, False))
     if not any(bound.reason.startswith(c.text) for c in jumps):
         return bound
-    box = agent.argument_box
-    ends = [[*end, time] for end, time in ((box.lower, -np.inf), (box.upper, np.inf))]
-    missing = Conditions(needs).open_on(*(np.array(end)[:, None] for end in ends)).conditions
+    ends = np.clip([agent.argument_box.lower, agent.argument_box.upper], -FAR, FAR).T
+    corners = np.array([*itertools.product(*ends[:MOST_ENDS], *ends[MOST_ENDS:, :1])])
+    points = np.vstack([corners.T, np.zeros(len(corners))])
+    missing = Conditions(needs).open_on(points, points).conditions
     return replace(bound, reason=missing[0].text) if missing else bound
 
 
@@ -59,7 +64,7 @@ def _domain(bound: Bound, agent: Agent) -> str:
         _where_defined(agent, Conditions(needs), states) if needs else np.tile((-1.0, 1.0), (len(states), 1))
     )
     units = [agent.units.get(agent.states[j]) for j in states]
-    ends = [[float(f"{end:.3g}") for end in one] for one in ranges]
+    ends = [[float(f"{end:.6g}") for end in one] for one in ranges]
     named = [f"{agent.states[j]} = {one}" for j, one in zip(states, ends, strict=False)]
     return ", ".join(one + f" (in {unit})" * bool(unit) for one, unit in zip(named, units, strict=False))
 
@@ -67,21 +72,24 @@ def _domain(bound: Bound, agent: Agent) -> str:
 def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> np.ndarray:
     """Return the first ranges of these states that are surely well inside of where the needs hold, a row each, or none."""
     own = agent.box[states]
-    inner = END * np.diff(own) * [[[1.0, 0.0]], [[0.0, -1.0]]] + own if np.isfinite(own).all() else []
-    tried = [*inner, *(np.tile(one, (len(states), 1)) for one in RANGES)]
+    width, tried = np.diff(own), list[tuple[np.ndarray, np.ndarray]]()
+    for part, side in itertools.product(ENDS if np.isfinite(own).all() else (), ((1.0, 0.0), (0.0, -1.0))):
+        inner = own + width * part * np.array(side)
+        tried.append((inner, inner + width * [-part / 2, part / 2]))
+    around = []
+    for low, high in RANGES:  # twice as far: the slope is infinite at the end of the domain of a root
+        wider = low * (2.0 if low < 0 else 0.5), high * (2.0 if high > 0 else 0.5)
+        around.append((np.clip(own, low, high), np.tile(wider, (len(own), 1))))
+    tried = [one for one in (*tried[:2], *around, *tried[2:]) if (np.diff(one[0]) > 0).all()]
     boxes = []
-    for ranges in tried:
-        box = agent.box.copy()  # twice as far: the slope is infinite at the end of the domain of a root
-        box[states] = ranges * np.where(ranges < 0, (2.0, 0.5), (0.5, 2.0))
+    for _, tested in tried:
+        box = agent.box.copy()
+        box[states] = tested
         of = argument_box(agent.lure.H, box)
         boxes.append(((*of.lower, -np.inf), (*of.upper, np.inf)))
     lower, upper = np.array(boxes).transpose(1, 2, 0)
     held = np.logical_and.reduce(needs.on_boxes(lower, upper))
-    if not held.any():
-        return np.empty((0, 2))
-    found = tried[int(held.argmax())]
-    within = np.column_stack([np.maximum(found[:, 0], own[:, 0]), np.minimum(found[:, 1], own[:, 1])])
-    return np.where(np.diff(within) > 0, within, found)
+    return tried[int(held.argmax())][0] if held.any() else np.empty((0, 2))
 
 
 def _equation(agent: Agent) -> str:
