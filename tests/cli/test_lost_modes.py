@@ -116,12 +116,15 @@ def test_where_the_slopes_that_a_mode_needs_have_no_range_a_domain_is_asked_for(
         "check", "problem.toml", problem=text(*TANKS) + "\n[agent.domain]\nh = [0.0, 0.6]\nk = [0.0, 0.6]\n"
     )
     assert status == 2
-    assert "give a smaller domain" in answer["error"]["remedy"], "down to h = 0 they have none"
+    box = "such as h = [0.03, 0.6], k = [0.03, 0.6]"
+    assert f"give a box in [agent.domain], {box}" in answer["error"]["remedy"], "down to h = 0 they have none"
     in_a_sphere = {"h": "(q - 0.2*sqrt(h))/(pi*(2*h - h**2))", "q": "(u - q)/5"}
     boxed = text(in_a_sphere, ("h",), 1) + "\n[agent.domain]\nh = [0.6, 1.4]\n"
     status, answer = run("check", "problem.toml", problem=boxed)
     assert status == 2
-    assert "give [agent.domain] of q, a box" in answer["error"]["remedy"], "the slope by h grows with q"
+    assert "a box in [agent.domain], such as q = [" in answer["error"]["remedy"], (
+        "the slope by h grows with q"
+    )
     assert run("check", "problem.toml", problem=boxed + "q = [0.0, 0.5]\n")[0] == 0
 
 

@@ -54,19 +54,19 @@ def _without_value(bound: Bound, agent: Agent) -> Bound:
 def _domain(bound: Bound, agent: Agent) -> str:
     """Return ranges of states that would do, as a file has them, for what has no value or grows towards infinity; or ""."""
     H, phi = agent.lure.H, agent.exact.phi
-    needs = [c for c in phi.conditions if bound.reason.startswith(c.text) and not c.jumps]
+    at_end = "infinite at the end" in bound.reason  # where a root is 0 it has no slope
+    needs = [c for c in phi.conditions if (at_end or bound.reason.startswith(c.text)) and not c.jumps]
+    needs = [replace(c, kind="positive") if at_end and c.kind == "not negative" else c for c in needs]
     used = {k for c in needs for node in c.nodes for k in node.variables if k < phi.inputs}
     used = used or {int(k) - 1 for k in re.findall(r"\bv(\d+) -> ", bound.reason)}
     states = np.flatnonzero(H[sorted(used)].any(axis=0))
     if not needs:  # a range that the file has is none that grows
         states = states[np.isinf(agent.box[states]).any(axis=1)]
-    ranges = (
-        _where_defined(agent, Conditions(needs), states) if needs else np.tile((-1.0, 1.0), (len(states), 1))
-    )
-    units = [agent.units.get(agent.states[j]) for j in states]
-    ends = [[float(f"{end:.6g}") for end in one] for one in ranges]
-    named = [f"{agent.states[j]} = {one}" for j, one in zip(states, ends, strict=False)]
-    return ", ".join(one + f" (in {unit})" * bool(unit) for one, unit in zip(named, units, strict=False))
+    one = np.tile((-1.0, 1.0), (len(states), 1))
+    ranges = _where_defined(agent, Conditions(needs), states) if needs else one
+    ends = [[float(f"{end:.6g}") for end in ends] for ends in ranges]
+    named = zip((agent.states[j] for j in states), ends, strict=False)
+    return ", ".join(f"{x} = {one}" + f" (in {agent.units.get(x)})" * (x in agent.units) for x, one in named)
 
 
 def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> np.ndarray:
