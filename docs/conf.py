@@ -124,14 +124,14 @@ _JOINTS = re.compile(r"(?<=[/_.(=,])(?=[^\W\d])")
 LONG_NAME = 20
 """Characters."""
 
+LEFT_ALONE = ("pre", "code", "math", "script", "style", "svg")
+
 
 def _whole(_app: object, _page: str, _template: str, context: dict[str, str], _tree: object) -> None:
     """Say to browsers what breaks where: long names and numbers; and what cells are of that are stacked on a phone."""
     page = BeautifulSoup(context.get("body", ""), "html.parser")
     names = [name.string for name in page.select("code .pre") if len(name.string or "") > LONG_NAME]
-    numbers = [
-        text for text in page.find_all(string=_NUMBER) if not text.find_parent(["pre", "code", "math"])
-    ]
+    numbers = [text for text in page.find_all(string=_NUMBER) if not text.find_parent(LEFT_ALONE)]
     for texts, pattern, made in (
         (names, _JOINTS, "<wbr>"),
         (numbers, _NUMBER, r'<span class="kept">\1</span>'),

@@ -125,10 +125,10 @@ def _within(said: str, limits: Mapping[str, Any], of: str, beyond: str, rest: st
     >>> _within("from", {"radius": 1.0, "start": 4.0, "times_start": 0.25}, "", "unknown", ", controllers at rest")
     'from |x_d(0)| <= 1, 0.25 times the start in the file (from there unknown), controllers at rest'
     """
-    radius, axes, times = (limits.get(f"{of}{key}") for key in ("radius", "text", "times_start"))
+    radius, axes, times, cut = (limits.get(of + key) for key in ("radius", "text", "times_start", "beyond"))
     if not (sets := [one for one in (radius and f"|x_d(0)| <= {radius:.6g}", axes) if one]):
         return ""
-    start, cut = f", {times:g} times the start in the file" if times else "", limits.get(f"{of}beyond")
+    start = f", {times:g} times the start in the file" if times else ""
     outside = f" (from there {cut or beyond})" if times and (times < 1 or cut) else ""
     return f"{said} {', or '.join(sets)}{start}{outside}{rest}"
 

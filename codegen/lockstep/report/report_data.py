@@ -65,8 +65,8 @@ class Facts:
         inside, sampled = claims.initial_set, claims.sampled
         away = run.errors()[0]
         most = times_in_domain(self.problem, away) if claims.scope == "local" else np.inf
-        without = min(most, times_covered(sampled.radius, sampled.half_axes, away))
-        clipped = min(most, times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away))
+        without = times_covered(sampled.radius, sampled.half_axes, away, most)
+        clipped = times_covered(sampled.clipped_radius, sampled.clipped_half_axes, away, most)
         stays = times_covered(inside.radius, inside.half_axes, away) if inside else 1.0
         apart = "" if max(without, clipped) >= 1 else self._apart_at_end(run)
         calm = " and without disturbances" * bool(run.xi.any())
@@ -94,13 +94,9 @@ class Facts:
 
     def _saturated_from(self, without: float, clipped: float) -> str:
         """Say from how many times the start of a run inputs do not saturate, and agents agree, and what makes that more."""
-        slower = ", a lower `decay`" * bool(self.problem.design.decay)
-        static = ", `order = 0`" * bool(self.problem.order)
         design = self.problem.design
-        how = (
-            f" (a `gain_limit` below {design.gain_limit:g}, with the other keys of [design] as they stand,"
-            f" in the file or by default{slower}{static})"
-        )
+        slower, static = ", a lower `decay`" * bool(design.decay), ", `order = 0`" * bool(self.problem.order)
+        how = f" (a `gain_limit` below {design.gain_limit:g}, all else as in the file or by default{slower}{static})"
         return (
             f"no saturation is proved {f'from {below(without, 3)} times this start' if without else 'at all'}"
             f"{f', agreement with saturation from {below(clipped, 3)} times it' if clipped else ''}: smaller gains enlarge"

@@ -62,9 +62,7 @@ def _of_the_kept(problem: Problem, kept: dict[str, Any]) -> dict[str, Any]:
     posed, mine = problem.document(), kept["design"]
     if not problem.has_defaults:
         return posed
-    written = {*KEYS, "weights", "disturbances"} | {"order"} - {
-        key for key, one in posed["design"].items() if one is not None
-    }
+    written = {*KEYS, "weights", "disturbances", *({"order"} - posed["design"].keys())}
     if any(posed["design"].get(key) != mine.get(key) for key in {*posed["design"], *mine} - written):
         raise ValueError("the kept design was asked for something else")
     return {**posed, "design": mine}

@@ -15,7 +15,7 @@ import numpy as np
 from lockstep.check.continuous.initial_set import axes_text
 from lockstep.lmi.analysis.decimals import above, below
 from lockstep.lmi.initial_set import sampled_rate
-from lockstep.model.checks.plausibility import unstable_alone
+from lockstep.model.checks.plausibility import WRONG_SIGN, unstable_alone
 from lockstep.workflow.certify import DesignVerdict, certify
 from lockstep.workflow.design_file import Design
 
@@ -354,7 +354,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "Root mean square of an input per standard deviation of the noise of an output at each reading, of the agent that"
             " it moves most, near agreement: computed of the linear part.",
         )
-    moving = "".join(f"; {row.figure.split('; ')[0]}" for row in unstable_alone(problem))
+    moving = "".join(f"; {row.figure.removesuffix(WRONG_SIGN)}" for row in unstable_alone(problem))
     deaf = np.flatnonzero(problem.graph().in_degrees == 0)
     where = f"that is up to agent {deaf[0] + 1}, which leads" if len(deaf) else "only that they are the same"
     yield Statement("where they agree", "", f"Which states the agents agree on: {where}{moving}.")

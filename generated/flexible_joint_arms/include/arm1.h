@@ -80,8 +80,8 @@
  *                    feed-forward) is yours to add, to all alike. 0 is not by itself a safe command
  *   at every call    look at the status; on a fault u repeats the last good command, for as long as the fault lasts: count
  *                    faults in a row, stop the plant safely after a few, and let it stay so until it is started anew. Feed the
- *                    watchdog after a good step only. A fault of the measurements ends with them. An OVERFLOW that the
- *                    state itself causes stays, since the state is held: then call arm1_reset
+ *                    watchdog after a good step only. A fault of the measurements ends with them
+ *   an OVERFLOW      that the state itself causes stays, since the state is held: call arm1_reset
  *   finite readings  are taken as they are, a neighbour's too: what the sensor cannot mean is yours to reject before the call
  *   missing rows     and those that are NaN or infinite: the last message is used until a new one arrives. Watch `age`: nothing
  *                    is claimed of an old one

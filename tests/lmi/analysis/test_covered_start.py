@@ -60,8 +60,7 @@ def test_what_a_radius_covers_is_told_as_far_as_the_domain_goes():
     said = limits_answer(claims, Problem.parse(TEXT), local=True)
     assert said["times_start"] == 2.82
     assert "beyond" not in said
-    assert said["clipped_times_start"] == pytest.approx(3.4, abs=0.011)
-    assert said["clipped_times_start"] <= 3.4
+    assert said["clipped_times_start"] in (3.39, 3.4), "three digits, rounded down"
     assert said["clipped_beyond"] == "an agent is out of its domain"
     everywhere = limits_answer(claims, Problem.parse(TEXT))
     assert everywhere["clipped_times_start"] == pytest.approx(28.2, abs=0.1)

@@ -17,8 +17,10 @@ Away = Float[np.ndarray, "N n"] | None
 """x_i(0) - mean of each agent, where a problem names a start."""
 
 
-def times_covered(radius: float | None, half_axes: Sequence[float] | None, away: Away) -> float:
-    """Return how many times a start lies in a ball or in an ellipsoid, the larger; 0 without a start or a set.
+def times_covered(
+    radius: float | None, half_axes: Sequence[float] | None, away: Away, most: float = math.inf
+) -> float:
+    """Return how many times a start lies in a ball or an ellipsoid, the larger, at most `most`; 0 without a start or a set.
 
     >>> times_covered(1.0, (4.0, 0.5), np.array([[2.0, 0.0], [-2.0, 0.0]])).__round__(3)
     1.414
@@ -27,7 +29,7 @@ def times_covered(radius: float | None, half_axes: Sequence[float] | None, away:
         return 0.0
     sizes = [np.full(away.shape[1], radius)] if radius else []
     sizes += [np.array(half_axes)] if half_axes else []
-    return max((1 / math.hypot(*(away / a).ravel()) for a in sizes), default=0.0)
+    return min(most, max((1 / math.hypot(*(away / a).ravel()) for a in sizes), default=0.0))
 
 
 ROUNDED = 1e-12
@@ -63,9 +65,9 @@ def limits_answer(claims: SampledClaims, problem: Problem, *, local: bool = Fals
         if axes:
             found[f"{name}half_axes"] = dict(zip(agent.states, axes, strict=True))
             found[f"{name}text"] = axes_text(axes, agent.states, agent.units)
-        times = times_covered(radius, axes, away)
-        found[f"{name}times_start"] = round_down(min(times, most), 3) or None
-        found[f"{name}beyond"] = "an agent is out of its domain" if times > most > 0 else None
+        times = times_covered(radius, axes, away, most)
+        found[f"{name}times_start"] = round_down(times, 3) or None
+        found[f"{name}beyond"] = "an agent is out of its domain" if times == most > 0 else None
     found = {key: one for key, one in found.items() if one is not None}
     if found and away is not None:
         found["start"] = math.hypot(*away.ravel())

@@ -31,8 +31,8 @@ LEAST = 1e-6
 """Of the largest pair weight: without a pair M may be singular."""
 
 ROUNDED = (
-    "without rounding there is one (computed): lower the gains, which may be large and cancel (`gain_limit`; of method"
-    ' "given" scale the states that controllers have, so that B and C are of one size), or take [controller] real = "float64"'
+    "without rounding there is one (computed): lower the gains, which may be large and cancel (`gain_limit`), scale the"
+    ' states of given controllers so that B and C are of one size, or take [controller] real = "float64"'
 )
 """Units of outputs and inputs do not matter: the errors are counted in those of the rows and columns of the gains."""
 

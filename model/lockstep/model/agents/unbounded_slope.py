@@ -12,16 +12,17 @@ from lockstep.check.system.domain import argument_box
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.arguments import argument_texts
 from lockstep.model.bound_search import Bound
+from lockstep.model.bound_search.diagnosis import AT_ITS_END
 
 SIZES = [digit * 10.0**power for power in range(9, -7, -1) for digit in (5, 2, 1)]
 RANGES = [(-r, r) for r in SIZES] + [end for r in (1.0, 100.0, 0.01) for end in ((r / 10, r), (-r, -r / 10))]
-"""Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large. Before
-them, what the file has without a part of its lowest or highest."""
+"""Ranges of states that a message may name, the first one in which all has a value: around 0 if any is, and large."""
 
-ENDS = (0.05, 0.25, 0.5)
+SHORTER = (0.05, 0.25, 0.5)
+"""Parts of the ranges of the file that are cut off at one end: the first is tried before `RANGES`, the others after them."""
 
 FAR, MOST_ENDS = 1e6, 8
-"""Where a range that does not end is looked at; arguments that are looked at at both of their ends."""
+"""Where a range without an end is looked at; how many arguments are looked at at both ends, the others at one."""
 
 
 def no_bound(bound: Bound, agent: Agent) -> ProblemError:
@@ -54,33 +55,32 @@ def _without_value(bound: Bound, agent: Agent) -> Bound:
 def _domain(bound: Bound, agent: Agent) -> str:
     """Return ranges of states that would do, as a file has them, for what has no value or grows towards infinity; or ""."""
     H, phi = agent.lure.H, agent.exact.phi
-    at_end = "infinite at the end" in bound.reason  # where a root is 0 it has no slope
-    needs = [c for c in phi.conditions if (at_end or bound.reason.startswith(c.text)) and not c.jumps]
-    needs = [replace(c, kind="positive") if at_end and c.kind == "not negative" else c for c in needs]
+    needs = [c for c in phi.conditions if bound.reason.startswith(c.text) and not c.jumps]
+    if AT_ITS_END in bound.reason:  # a root has no slope where it is 0
+        roots = (c for c in phi.conditions if not c.jumps)
+        needs = [replace(c, kind="positive") if c.kind == "not negative" else c for c in roots]
     used = {k for c in needs for node in c.nodes for k in node.variables if k < phi.inputs}
     used = used or {int(k) - 1 for k in re.findall(r"\bv(\d+) -> ", bound.reason)}
     states = np.flatnonzero(H[sorted(used)].any(axis=0))
     if not needs:  # a range that the file has is none that grows
         states = states[np.isinf(agent.box[states]).any(axis=1)]
-    one = np.tile((-1.0, 1.0), (len(states), 1))
-    ranges = _where_defined(agent, Conditions(needs), states) if needs else one
-    ends = [[float(f"{end:.6g}") for end in ends] for ends in ranges]
-    named = zip((agent.states[j] for j in states), ends, strict=False)
+    unit = np.tile((-1.0, 1.0), (len(states), 1))
+    ranges = _where_defined(agent, Conditions(needs), states) if needs else unit
+    shown = [[float(f"{end:.6g}") for end in one] for one in ranges]
+    named = zip((agent.states[j] for j in states), shown, strict=False)
     return ", ".join(f"{x} = {one}" + f" (in {agent.units.get(x)})" * (x in agent.units) for x, one in named)
 
 
 def _where_defined(agent: Agent, needs: Conditions, states: np.ndarray) -> np.ndarray:
     """Return the first ranges of these states that are surely well inside of where the needs hold, a row each, or none."""
-    own = agent.box[states]
-    width, tried = np.diff(own), list[tuple[np.ndarray, np.ndarray]]()
-    for part, side in itertools.product(ENDS if np.isfinite(own).all() else (), ((1.0, 0.0), (0.0, -1.0))):
-        inner = own + width * part * np.array(side)
-        tried.append((inner, inner + width * [-part / 2, part / 2]))
-    around = []
+    own, shorter, around = agent.box[states], [], []
+    for part, side in itertools.product(SHORTER if np.isfinite(own).all() else (), ([1.0, 0.0], [0.0, -1.0])):
+        cut = part * np.diff(own)
+        shorter.append((own + cut * side, own + cut * side + cut * [-0.5, 0.5]))
     for low, high in RANGES:  # twice as far: the slope is infinite at the end of the domain of a root
         wider = low * (2.0 if low < 0 else 0.5), high * (2.0 if high > 0 else 0.5)
         around.append((np.clip(own, low, high), np.tile(wider, (len(own), 1))))
-    tried = [one for one in (*tried[:2], *around, *tried[2:]) if (np.diff(one[0]) > 0).all()]
+    tried = [one for one in (*shorter[:2], *around, *shorter[2:]) if (np.diff(one[0]) > 0).all()]
     boxes = []
     for _, tested in tried:
         box = agent.box.copy()

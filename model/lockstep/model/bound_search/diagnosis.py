@@ -8,6 +8,7 @@ from lockstep.check.bound.unbounded.charts import Chart
 from lockstep.check.expression.condition import Condition
 from lockstep.check.expression.node import Node
 
+AT_ITS_END = "is infinite at the end of its domain"
 LARGE = 1e6
 NEAR = 1e-6
 _EDGES = {"not negative": (0.0,), "within one": (-1.0, 1.0), "above one": (1.0,)}
@@ -39,7 +40,7 @@ def explain(chart: Chart, lower: Boxes, upper: Boxes, inputs: int, reached: floa
         if not any(chart.pattern) and c.kind in _EDGES and _at_edge(c, lower, upper)
     ]
     if edges:
-        return f"the slope of {edges[0]} is infinite at the end of its domain ({where})"
+        return f"the slope of {edges[0]} {AT_ITS_END} ({where})"
     with np.errstate(all="ignore"):
         values = chart.point_program.trace(lower, upper)
     return f"the slope has no finite bound near a point: {_culprit(chart, values)} ({where})"

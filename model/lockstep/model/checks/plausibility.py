@@ -80,14 +80,17 @@ def period(problem: Problem) -> CheckRow:
     return CheckRow("period", "note", f"{figure}{unseen}; {usual}", reason)
 
 
+WRONG_SIGN = "; a wrong sign?"
+
+
 def unstable_alone(problem: Problem) -> Iterator[CheckRow]:
     """Yield a row where an agent by itself moves away: a wrong sign of a damping shows here, and else in no figure."""
     fastest = max((s.real for s in _modes(problem)), default=0.0)
     if fastest > 0:
         reason = "controllers see differences only: what all agents do together stays what each does alone"
-        figure = f"unstable in open loop ({fastest:.3g} 1/s): consensus does not stabilise the common motion, or a leader"
+        figure = f"unstable in open loop ({fastest:.3g} 1/s): consensus stabilises neither the common motion nor a leader"
         grows = fastest * problem.simulation.horizon > 1  # by e within the run
-        yield CheckRow("open-loop agent", "note", figure + "; a wrong sign?" * grows, reason)
+        yield CheckRow("open-loop agent", "note", figure + WRONG_SIGN * grows, reason)
 
 
 def _modes(problem: Problem) -> list[complex]:
