@@ -81,6 +81,8 @@
  *   at every call    look at the status; on a fault u repeats the last good command, for as long as the fault lasts: count
  *                    faults in a row, stop the plant safely after a few, and let it stay so until it is started anew. Feed the
  *                    watchdog after a good step only. A fault of the measurements ends with them
+ *   a safe command   of your own, "close the valve" in place of the last one, is yours to apply at a fault: tell
+ *                    arm3_applied, counted from u = 0 as u is, and it is what u repeats until the next good step
  *   an OVERFLOW      that the state itself causes stays, since the state is held: call arm3_reset
  *   finite readings  are taken as they are, a neighbour's too: what the sensor cannot mean is yours to reject before the call
  *   missing rows     and those that are NaN or infinite: the last message is used until a new one arrives. Watch `age`: nothing
