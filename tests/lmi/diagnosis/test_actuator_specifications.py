@@ -47,6 +47,26 @@ def test_static_gains_are_first_asked_to_take_half_of_what_the_actuators_can() -
     )
 
 
+@pytest.mark.parametrize(("said", "static"), [("", [1.0]), ("decay = 0.2\n", [1.0, 3.0, 10.0])])
+def test_a_decay_is_asked_of_larger_static_gains_before_controllers_have_states(
+    said: str, static: list
+) -> None:
+    """Steered axles carried 0.3 of a decay with half of their actuators, all of it with more, and were given states."""
+    posed = problem(
+        dynamics={"p": "v", "v": "u - v - sin(p)"},
+        outputs={"y": "p"},
+        network=PATH_2,
+        agent="limits = { u = [-4.0, 4.0] }",
+        design=f"{said}starts = 1\n\n[simulation]\ninitial = [[1.0, 0.0], [-1.0, 0.0]]",
+    )
+    bound = proved_bound(posed)
+    specs = list(specifications(posed, network_of(posed, bound), claim_of(posed, bound)))
+    orders = [one.problem.order for one in specs]
+    assert orders[: len(static) + 1] == [0] * len(static) + [2], "then the usual order"
+    assert [one.problem.document()["design"]["gain_limit"] for one in specs[: len(static)]] == static
+    assert all(bool(one.static) == (one.problem.order == 0) for one in specs)
+
+
 @pytest.mark.parametrize("order", [0, 1])
 def test_in_metres_or_millimetres_the_actuators_are_asked_for_the_same(order) -> None:
     """q' = u - q, p' = q: weights and noise of one decimal stand to each other as the units do."""

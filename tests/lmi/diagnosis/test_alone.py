@@ -36,6 +36,35 @@ def test_a_gain_of_agents_near_the_edge_does_not_depend_on_units() -> None:
     assert alone("-1000.5e-6*x + 1000e-6*sin(x) + 1e-6*u", 0) == pytest.approx(2e6, rel=1e-3)
 
 
+PLANT = np.array([[0, 1, 0, 0], [-7.6, -68, 8, 0], [0, -175, -7.4, 330], [0, 0, 0, -50.0]])
+"""A steered axle with an angle of 30 s, a cylinder of 40 1/s and a valve of 50 1/s."""
+
+
+@pytest.mark.parametrize("slopes", [(1, 1), (10, 10), (66, 100)])
+@pytest.mark.parametrize("sizes", [(1.0, 1.0, 1.0, 1.0), (4.0, 10.0, 50.0, 1.0)])
+def test_a_gain_of_a_stiff_plant_is_above_that_of_its_linear_part(
+    sizes: tuple[float, ...], slopes: tuple[int, int]
+) -> None:
+    """The linear part has 41 or more, from its frequency response: 0.96 was told of the whole, or nothing."""
+    a, w, p, s = sizes
+    posed = problem(
+        dynamics={
+            "a": "w", "w": f"-7.6*a - 68*w + 8*p + {slopes[0]}*sin(w)",
+            "p": f"-175*w - 7.4*p + 330*s + {slopes[1]}*sin(s)", "s": "-50*s + 50*u",
+        },
+        outputs={"y": "a"}, network='agents = 2\ntopology = "path"', agent="centre = false",
+        design=f"order = 0\ndisturbances = {{ states = {{ a = {a}, w = {w}, p = {p}, s = {s} }} }}",
+    )  # fmt: skip
+    linear = max(
+        np.linalg.norm(np.linalg.solve(1j * omega * np.eye(4) - PLANT, np.diag(sizes)), 2)
+        for omega in (0.0, *np.logspace(-4, 4, 400))
+    )
+    bound = proved_bound(posed)
+    found = rho_alone(network_of(posed, bound), claim_of(posed, bound))
+    assert found is not None
+    assert linear <= found <= 1.5 * linear
+
+
 @pytest.mark.parametrize(("C", "part"), [(0.0, 0.0), (0.01, 0.01 / 2.01), (2.0, 0.5)])
 def test_the_part_of_u_that_is_made_of_the_states_of_the_controllers(C: float, part: float) -> None:
     """C (j w + 1)^-1 beside D = -2: |C| at most, at w = 0."""

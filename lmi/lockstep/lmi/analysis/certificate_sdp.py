@@ -42,8 +42,9 @@ MOST_OF_GIVEN = 150
 """Entries, as for `MOST_ENTRIES`, above which the certificate of given gains does without P: with 234 it took 14 s of
 processor, and a tenth of a second so, for a rho that was 4e-4 above."""
 
-ACCEPTED = 1e-6
-"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision."""
+ACCEPTED, NOTHING = 1e-6, 1e-14
+"""By how much a candidate may miss F <= 0 and still be worth a decision, its diagonal being -1 (where a part of the largest
+entry is more than nothing): of a slow loop the block of rho is 1e-6 of the largest entry, and any rho was within that."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def least_rho(
     any_rho: bool = False,
     most: int = MOST_OF_GIVEN,
 ) -> Certificate | None:
-    """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where the solver finds nothing.
+    """Minimise rho^2 over P > 0, m >= 0, t >= 0 with F <= 0; None where neither the solver nor the frequencies find any.
 
     near: multipliers and a rho of these gains, or of gains next to them: where they are right, the solver takes its units
     from a point inside.
@@ -121,19 +122,16 @@ def least_rho(
     most: entries above which P is eliminated.
     """
     form = AffineF(loop, gains, claim)
-    if eliminates_P(loop, most):
+    balanced, found, refused = None if eliminates_P(loop, most) else balance(form), None, False
+    for unit in UNITS:
+        if balanced is None or found is not None or refused:
+            break
+        found, refused = _least(balanced, unit)
+    if found is None and not refused:  # of a stiff loop the solver may end with nothing
         known = None if near is None else form.multipliers(near)
         at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
-        return None if at is None else form.certificate(*at)
-    balanced = balance(form)
-    if balanced is None:
-        return None
-    found = None
-    for unit in UNITS:
-        found, refused = _least(balanced, unit)
-        if found is not None or refused:
-            break
-    if near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
+        found = None if at is None else form.certificate(*at)
+    if balanced is None or near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
         return found
     inner = balance_inside(form, near)
     again = None if inner is None else _least(inner, 1.0)[0]
@@ -160,11 +158,14 @@ def tight_certificate(
         near, most: as for `least_rho`; without near in the units of a Lyapunov equation.
     """
     form = AffineF(loop, gains, claim)
-    if eliminates_P(loop, most):
+    balanced = (
+        None if eliminates_P(loop, most) else balance(form) if near is None else balance_inside(form, near)
+    )
+    found = None if balanced is None else _smallest(balanced, rho)
+    if found is None:
         at = storage_at(form.Z, form.constant, form.slopes, form.multipliers(replace(least, rho=rho)))
-        return None if at is None else replace(form.certificate(*at), rho=rho)
-    balanced = balance(form) if near is None else balance_inside(form, near)
-    return None if balanced is None else _smallest(balanced, rho)
+        found = None if at is None else replace(form.certificate(*at), rho=rho)
+    return found
 
 
 def _smallest(b: "Balanced", rho: float) -> Certificate | None:
@@ -266,7 +267,8 @@ def _least(b: Balanced, unit: float) -> tuple[Certificate | None, bool]:
     problem = cp.Problem(cp.Minimize(w[-1]), conditions)
     if not solve_sdp(problem) or P.value is None or w.value is None:
         return None, problem.status in REFUSED
-    if float(np.linalg.eigvalsh(F.value)[-1]) > ACCEPTED * max(1.0, np.abs(F.value).max()):
+    units = np.sqrt(np.maximum(-np.diag(F.value), NOTHING * np.abs(F.value).max()))
+    if float(np.linalg.eigvalsh(F.value / np.outer(units, units))[-1]) > ACCEPTED:
         return None, False
     rho = float(np.sqrt(max(unit * w.value[-1] / b.norms[-1], 0.0)))
     return b.certificate(unit * P.value, unit * w.value, rho), False

@@ -28,8 +28,8 @@ u which moves a state by one in it, and with weights and disturbances of the sta
 given the controllers of one in mm: that of a train is otherwise the quarter of an hour in which it rolls to a stop. Where
 no gains are found for them, or none with a rho near the floor, or no floor is proved, the limit is raised, twice, of gains
 within the actuators' limits first to 1.5 times these (and to 5 times, where a decay is asked for that half of the actuators
-may not reach), and then stability and decay are not asked for. What was taken is written into the problem: a design file
-names all of it, and nothing is filled in when it is read.
+may not reach: of static gains, too, before controllers have states), and then stability and decay are not asked for. What
+was taken is written into the problem: a design file names all of it, and nothing is filled in when it is read.
 """
 
 from collections.abc import Iterator
@@ -137,8 +137,10 @@ def specifications(problem: Problem, network: Network, claim: Claim) -> Iterator
     within, most = _within_limits(problem, network, claim, limits[0]), 0.0
     may_be_static = problem.design.objective == "rho" and not claim.delta[:, :3].any()
     if problem.design.order is None and problem.order and may_be_static:
-        first = next(specifications(_with(problem, {"order": 0}), network, claim))
-        yield first._replace(static=VERY_FAR if first.enough and within is None else NEAR)
+        for number, spec in enumerate(specifications(_with(problem, {"order": 0}), network, claim)):
+            if number and not (problem.design.decay and spec.sized):
+                break
+            yield spec._replace(static=VERY_FAR if spec.enough and within is None else NEAR)
     if within is not None:
         for more, part in SIZED if problem.design.decay else SIZED[:2]:
             size = float(f"{more * within['gain_limit']:.2g}")
