@@ -176,8 +176,8 @@ LATER = {
         # 850 before the actuators' word on a period, which `build` says as `check` does; 855 before sizes of the states;
         # 875 before one attempt after the other moved in, out of the roots, and said what it did not take; 1000 before static
         # gains were tried first where no order is named; 1016 before limits that actuators would take more than the run for
-        # were noted
-        1040,
+        # were noted; 1040 before a decay was asked of larger static gains, and limits that cross a domain in a period noted
+        1055,
     ),
     "initial sets: a P of their own, gains that move": (
         [

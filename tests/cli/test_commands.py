@@ -52,7 +52,10 @@ def changed(table_1: Path, place: Path, change) -> Path:
 def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     of = {"limits": {"clipped_radius": 1.9}, "gains": [{"A": [[-1.0]]}]}
     found = proved_besides(of)
-    assert found == {"with saturation": "agreement from |x_d(0)| <= 1.9, controllers at rest"}
+    assert found == {
+        "no saturation": "nothing is proved",
+        "with saturation": "agreement from |x_d(0)| <= 1.9, controllers at rest",
+    }
     apart = proved_besides({**of, "limits": {"clipped_radius": 1.9, "clipped_times_start": 3.8}})[
         "with saturation"
     ]
@@ -72,10 +75,13 @@ def test_limits_of_which_clipping_alone_is_proved_are_no_radius():
     }
     said = proved_besides({**of, "limits": beyond, "scope": "local"})["with saturation"]
     assert "2.5 times the start in the file (from there an agent is out of its domain), controllers" in said
-    assert not proved_besides(of, lambda claim: claim != "clipped")
+    assert "with saturation" not in proved_besides(of, lambda claim: claim != "clipped")
     nothing = proved_besides({**of, "limits": {}})
     assert nothing["no saturation"] == nothing["with saturation"] == "nothing is proved", (
         "limits are asked for"
+    )
+    assert proved_besides({**of, "limits": {"gain": 0.9}})["no saturation"] == "nothing is proved", (
+        "of a start"
     )
     assert "no saturation" not in proved_besides({key: one for key, one in of.items() if key != "limits"})
     static = proved_besides({**of, "gains": [{"A": []}]})["with saturation"]
@@ -224,7 +230,7 @@ def test_what_is_proved_besides_rho_is_printed_and_nothing_else() -> None:
         "gains": [{"A": [[-1.0]]}],
     }
     rows = proved_besides(content)
-    parts = ["|d phi1/d v2| <= 1", ">= 2:", "0.25 1/s", "yes", "1.5"]
+    parts = ["|d phi1/d v2| <= 1", ">= 2:", "0.25 1/s", "yes", "1.5", "nothing is proved"]
     assert all(part in text for part, text in zip(parts, rows.values(), strict=True))
     assert (
         proved_besides({**dict.fromkeys(content), "controllers_stable": False, "entries": [], "gains": []})

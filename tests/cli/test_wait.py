@@ -192,6 +192,23 @@ def test_the_command_takes_a_signal_and_hands_on_a_second_one():
     assert "best gains so far" in line
 
 
+@pytest.mark.parametrize("of_keyboard", [signal.default_int_handler, signal.SIG_IGN])
+def test_what_ends_a_job_keeps_the_best_as_well(of_keyboard):
+    """`timeout` and schedulers send SIGTERM; of a command in the background interrupts from the keyboard are ignored."""
+    before = signal.signal(signal.SIGINT, of_keyboard), signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with keeping_the_best(lambda _said: None) as stop, stop.searching():
+            signal.raise_signal(signal.SIGTERM)
+            assert stop.asked
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        assert signal.getsignal(signal.SIGINT) is of_keyboard
+    finally:
+        signal.signal(signal.SIGINT, before[0])
+        signal.signal(signal.SIGTERM, before[1])
+
+
 def kept(folder: Path) -> list[Path]:
     return sorted(folder.rglob("*.json"))
 

@@ -41,12 +41,14 @@ class Campaign:
 
     @property
     def ok(self) -> bool:
-        """Whether no covered run is above the bound, none diverged but for those `excused`, and no finite one had a fault."""
+        """Whether runs are covered, none of these is above the bound, none diverged that is not `excused`, and no finite one
+        had a fault."""
         diverged, faulty = self.table["diverged"] == 1, self.table["faults"] > 0
         above = self.table["ratio"][self.table.covered] > 1
-        return not (
+        wrong = (
             above.any() or (diverged & ~excused(self.plan, self.table)).any() or (faulty & ~diverged).any()
         )
+        return bool(self.table.covered.any() and not wrong)
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types: the same for the same runs, but for `computed` and the speed."""

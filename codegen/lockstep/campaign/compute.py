@@ -89,8 +89,8 @@ class RunTable:
 
 
 def excused(plan: Plan, figures: RunTable) -> np.ndarray:
-    """Which runs clipped where nothing is proved of it: disturbed, with lost messages, out of the domain, or from beyond
-    `clipped_radius`."""
+    """Which runs left the domain, or clipped where nothing is proved of it: disturbed, with lost messages, out of the domain,
+    or from beyond `clipped_radius`."""
     inside = (figures["disagreement_initial"] <= (plan.clipped_radius or 0.0)) & (figures["outside"] == 0)
     inside &= (figures["w_squared"] == 0) & (figures["family"] != FAMILIES.index("drops"))
-    return np.asarray((figures["clipped"] > 0) & ~np.asarray(inside))
+    return np.asarray(((figures["clipped"] > 0) | (figures["outside"] > 0)) & ~np.asarray(inside))

@@ -95,7 +95,8 @@ def _from_disagreement(
     plan: Plan, random: np.random.Generator
 ) -> dict[str, Float[np.ndarray, "..."] | float]:
     layout = plan.source.layout
-    x = random.uniform(-plan.spread, plan.spread, layout.N * layout.n)
+    low, high = plan.starts
+    x = random.uniform(low, high, (layout.N, layout.n)).ravel()
     if random.random() < 0.5:
         return {"x": x if plan.clipped_radius is None else _within(plan.clipped_radius, layout.N, random, x)}
     return {"x": x, "sigma": _log_uniform(random, *AMPLITUDES) * np.tile(plan.driven, layout.N)}

@@ -16,11 +16,13 @@ from jaxtyping import Complex, Float
 from lockstep.campaign.frequency_response import Response
 from lockstep.check.continuous.inequality import Performance
 from lockstep.check.numbers import as_floats
+from lockstep.model.agents.state_sizes import middle
 from lockstep.model.graphs.orthonormal import orthonormal_factor
 from lockstep.model.network import Network
 
 REACH = np.pi
-"""Operating points are within this of 0 in every state, and in the domain: all slopes of a sine are met."""
+"""Operating points are within this of 0 in every state, or of the middle of a domain without 0, and in the domain: all slopes
+of a sine are met."""
 
 GRID = 200
 DIGITS = 6
@@ -45,14 +47,15 @@ class Peak:
 def peaks(
     network: Network, response: Response, weights: Performance, *, count: int, seed: int = 0
 ) -> tuple[Peak, ...]:
-    """Return the peaks at the point of the domain nearest to 0 and at random operating points: `count` in all."""
+    """Return the peaks at 0, or in the middle of a domain without it, and at random operating points: `count` in all."""
     agent = network.agent
     x, t = ca.SX.sym("x", agent.n), ca.SX.sym("t")
     drift = network.drift()
     slope = ca.Function("slope", [x, t], [ca.jacobian(drift(x, t), x), drift(x, t)])
-    low, high = np.clip(agent.box.T, -REACH, REACH)
+    about = middle(agent)
+    low, high = about + np.clip(agent.box.T - about, -REACH, REACH)
     random = np.random.default_rng(seed)
-    points = [np.clip(np.zeros(agent.n), low, high), *random.uniform(low, high, (max(count - 1, 0), agent.n))]
+    points = [about, *random.uniform(low, high, (max(count - 1, 0), agent.n))]
     scales = weights.states if len(weights.states) else np.ones(agent.n)
     return tuple(_peak(network, response, slope, np.round(point, DIGITS), scales) for point in points[:count])
 

@@ -23,6 +23,7 @@ from lockstep.check.continuous.inequality import LETTERS, Performance
 from lockstep.check.errors import ProblemError, demand
 from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.document import Stored
+from lockstep.model.agents.state_sizes import random_range
 from lockstep.model.network import Network
 from lockstep.model.simulation.from_problem import rate_of
 
@@ -42,8 +43,8 @@ Deltas = tuple[tuple[str, float, tuple[int, int]], ...]
 class Plan:
     """A campaign, complete: a run is fixed by it and by the run's index alone.
 
-    source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  spread: of random initial states;
-    deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
+    source: the loop's C;  seed: of all draws;  horizon: of each run, in s;  starts: the least and the largest of random
+    initial states;  deltas: per letter the bound (11) and the shape of one agent's block, in the order of the C's parameters;
     peaks: where to disturb;  driven: (n,), 1 for a state that rho is a gain from, 0 for one that nothing drives;
     guarantee: what the runs are held against;  title, controllers: for people;  clipped_radius: from disagreements up to
     it, undisturbed, the runs are held to converge with their inputs clipped.
@@ -52,7 +53,7 @@ class Plan:
     source: CampaignSource
     seed: int
     horizon: float
-    spread: float
+    starts: Float[np.ndarray, "2 n"]
     deltas: Deltas
     peaks: tuple[Peak, ...]
     driven: Float[np.ndarray, " n"]
@@ -65,7 +66,7 @@ class Plan:
     def identity(self) -> str:
         """SHA-256 of everything a run depends on: what is kept under another identity is another campaign's."""
         digest = hashlib.sha256(f"{FORMAT} {CHUNK} {self.source.fingerprint}".encode())
-        for name in ("seed", "horizon", "spread", "deltas", "peaks", "guarantee"):
+        for name in ("seed", "horizon", "starts", "deltas", "peaks", "guarantee"):
             digest.update(repr(_plain(getattr(self, name))).encode())
         if self.clipped_radius is not None:
             digest.update(repr(self.clipped_radius).encode())
@@ -101,6 +102,7 @@ def plan_of(
         ProblemError: a horizon that is not above 0.
     """
     problem = stored.problem
+    about, reach = random_range(problem.agent(), problem.simulation.spread)
     time = problem.simulation.horizon if horizon is None else horizon
     demand(time > 0, f"the horizon is {horizon!r}", "campaign", "seconds above 0")
     kind = controllers or ("continuous" if any(stored.claims.fragility.values()) else "sampled")
@@ -113,7 +115,7 @@ def plan_of(
         source,
         seed,
         float(time),
-        problem.simulation.spread,
+        np.stack([about - reach, about + reach]),
         deltas,
         peaks(network, response, weights, count=POINTS, seed=seed),
         np.sign(weights.states) if len(weights.states) else np.ones(network.agent.n),

@@ -104,7 +104,7 @@ def proved_besides(
     limits, rest = content.get("limits") or {}, ", controllers at rest" * C
     rest += f", {LOCAL}" * (content.get("scope") == "local")
     clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
-    none = NOTHING * (content.get("limits") == {})
+    none = NOTHING * (content.get("limits") is not None)
     slopes = [
         f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
     ]

@@ -32,12 +32,8 @@ def insistent_interrupts() -> Iterator[None]:
     Interrupts stay as they are in a thread other than the main one, where there are no timers, and where somebody has
     decided about them already: a shell that starts a command in the background has them ignored.
     """
-    settled = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    if (
-        settled
-        or threading.current_thread() is not threading.main_thread()
-        or not hasattr(signal, "setitimer")
-    ):
+    ours = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
     patience = PATIENCE
@@ -67,26 +63,32 @@ def insistent_interrupts() -> Iterator[None]:
 
 @contextmanager
 def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
-    """Let an interrupt of a search, or of the proof of its gains, end it with the best so far; a second one is as ever."""
+    """Let an interrupt of a search, or of the proof of its gains, end it with the best so far; a second one is as ever.
+
+    SIGTERM does, too, which `timeout` and cluster schedulers send.
+    """
     from lockstep.lmi.search.stopping import Stop
 
     with Stop.ready() as stop:
-        before = signal.getsignal(signal.SIGINT)
-        if not callable(before) or threading.current_thread() is not threading.main_thread():
-            yield stop
-            return
+        before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+        main = threading.current_thread() is threading.main_thread()
+        heard = [one for one, handler in before.items() if main and handler is not signal.SIG_IGN]
 
         def take(number: int, frame: FrameType | None) -> None:
             if stop.take():
                 say("ending the search; the best gains so far are proved and kept, if any (Ctrl-C again: no)")
+            elif callable(handler := before[signal.Signals(number)]):
+                handler(number, frame)
             else:
-                before(number, frame)
+                raise KeyboardInterrupt
 
-        signal.signal(signal.SIGINT, take)
+        for one in heard:
+            signal.signal(one, take)
         try:
             yield stop
         finally:
-            signal.signal(signal.SIGINT, before)
+            for one in heard:
+                signal.signal(one, before[one])
 
 
 def _is_handled() -> bool:

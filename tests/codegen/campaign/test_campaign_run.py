@@ -112,6 +112,63 @@ def test_a_rho_that_is_too_small_is_refuted(plan, whole, tmp_path):
     assert not found.table.covered[starts].any()
 
 
+def test_where_no_run_is_covered_nothing_is_shown(plan, tmp_path, monkeypatch):
+    """It was "as certified" if none of the runs that nothing is claimed of diverged, and "NOT as certified" if one did."""
+
+    def uncovered(plan, begin, end):
+        table = compute(plan, begin, end)
+        table[:, columns_of(plan).index("covered")] = 0
+        return table
+
+    monkeypatch.setattr(running, "compute", uncovered)
+    found = run_campaign(plan, CHUNK, tmp_path)
+    assert not found.ok
+    assert found.document()["covered"] == 0
+
+
+def test_a_run_that_left_its_domain_is_no_failure_however_it_ends(plan, tmp_path, monkeypatch):
+    def leaving(plan, begin, end):
+        table = compute(plan, begin, end)
+        for name, value in (("covered", 0), ("diverged", 1), ("outside", 1)):
+            table[3, columns_of(plan).index(name)] = value
+        return table
+
+    monkeypatch.setattr(running, "compute", leaving)
+    assert run_campaign(plan, CHUNK, tmp_path).ok
+
+
+STACKS = """
+[agent]
+name = "stack"
+states = ["T"]
+inputs = ["u"]
+dynamics = { T = "-0.02*(T - 75) - 1e-4*(T - 75)**2 + u" }
+outputs = { y = "T" }
+domain = { T = [60.0, 92.0] }
+[network]
+agents = 2
+topology = "path"
+[design]
+order = 0
+gain_limit = 1.0
+starts = 1
+[controller]
+period = 1.0
+"""
+
+
+def test_runs_begin_in_a_domain_that_is_not_around_0(tmp_path):
+    """Electrolysers between 60 and 92 degC were started about 0, and none of the runs was covered."""
+    (tmp_path / "stacks.toml").write_text(STACKS)
+    lockstep.design(tmp_path / "stacks.toml", output=tmp_path / "design.json")
+    plan, _ = planned(tmp_path / "design.json", CampaignOptions("continuous", horizon=20.0, seed=1))
+    assert all(60 < one.point[0] < 92 for one in plan.peaks)
+    x = draw(plan, 0, 256).batch.rows[:, plan.source.layout.places["x"]]
+    assert 60 < x.min() < 76 < x.max() < 92
+    found = dict(zip(columns_of(plan), compute(plan, 0, 256).T, strict=True))
+    assert found["covered"].mean() > 0.3
+
+
 def test_a_run_that_diverges_is_told(plan, tmp_path, monkeypatch):
     def diverging(plan, begin, end):
         table = compute(plan, begin, end)

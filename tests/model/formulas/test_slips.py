@@ -145,6 +145,29 @@ def test_limits_that_never_suffice_are_noted():
     assert list(actuators.slow(Problem.parse(damped.format(period=0.25, apart=0.5)), controllable=True)) == []
 
 
+@pytest.mark.parametrize(("most", "noted"), [(0.6, False), (40.0, False), (600.0, True)])
+def test_limits_that_take_an_agent_across_its_domain_within_a_period_are_noted(most, noted):
+    """I' = (u - I)/10: 600 for 0.6 kA moves I by 236 in 5 s, 1 - e^-0.5 of it, where its domain is 20 wide; 40 by 15.7."""
+    posed = Problem.parse(f"""
+[agent]
+states = ["I"]
+inputs = ["u"]
+dynamics = {{ I = "(u - I)/10 + 0.01*sin(I)" }}
+outputs = {{ y = "I" }}
+limits = {{ u = [-{most}, {most}] }}
+domain = {{ I = [-10.0, 10.0] }}
+[network]
+agents = 2
+topology = "path"
+[controller]
+period = 5.0
+""")
+    rows = list(actuators.limits(posed, controllable=True))
+    assert [(row.name, row.verdict) for row in rows] == [("limits", "note")] * noted
+    assert all("move I by 23" in row.figure and "is 20 wide" in row.figure for row in rows)
+    assert any("in the unit of u" in doubt for doubt in doubts(posed)) is noted
+
+
 def test_of_inputs_without_a_limit_nothing_is_said():
     """q' = w moves as far as w, which has none, would."""
     other = CART.replace('states = ["p", "v"]', 'states = ["p", "v", "q"]').replace(

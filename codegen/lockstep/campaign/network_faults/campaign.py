@@ -175,7 +175,7 @@ def run_network(
     peaks: Sequence[Peak] = (),
     seed: int = 0,
     horizon: float = 10.0,
-    spread: float = 1.0,
+    starts: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | tuple[float, float] = (-1.0, 1.0),
     jobs: int = 1,
     most: float = BEYOND,
 ) -> NetworkCampaign:
@@ -189,16 +189,16 @@ def run_network(
         peaks: where to disturb; without any all disturbed runs meet noise.
         seed: of all draws.
         horizon: of each run, in s.
-        spread: random initial states are within +-spread.
+        starts: the least and the largest of random initial states.
         jobs: threads.
         most: a larger disagreement counts as divergence.
     """
 
     def chunk(begin: int) -> np.ndarray:
         index = range(begin, min(begin + CHUNK, runs))
-        drawn = [_draw(loop, faults, peaks, seed, k, spread) for k in index]
-        rows, starts, waves = (np.array([one[part] for one in drawn]) for part in (0, 2, 3))
-        return loop.runs(rows, np.array([one[1] for one in drawn], np.uint64), starts, horizon, waves)
+        drawn = [_draw(loop, faults, peaks, seed, k, *starts) for k in index]
+        rows, first, waves = (np.array([one[part] for one in drawn]) for part in (0, 2, 3))
+        return loop.runs(rows, np.array([one[1] for one in drawn], np.uint64), first, horizon, waves)
 
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         values = np.vstack(list(pool.map(chunk, range(0, runs, CHUNK))))
@@ -206,11 +206,17 @@ def run_network(
 
 
 def _draw(
-    loop: NetworkLoop, faults: NetworkFaults, peaks: Sequence[Peak], seed: int, k: int, spread: float
+    loop: NetworkLoop,
+    faults: NetworkFaults,
+    peaks: Sequence[Peak],
+    seed: int,
+    k: int,
+    low: Float[np.ndarray, " n"] | float,
+    high: Float[np.ndarray, " n"] | float,
 ) -> tuple[list[float], int, np.ndarray, np.ndarray]:
     """Return what run k is: its row of faults, the seed of its network, its start and its disturbance."""
     random, wave = np.random.default_rng([seed, k]), np.zeros(3 * loop.N * loop.n + 1)
-    start = random.uniform(-spread, spread, (loop.N, loop.n))
+    start = random.uniform(low, high, (loop.N, loop.n))
     network_seed = int(random.integers(2**63))
     if k % 2:
         return faults.row(), network_seed, start, wave

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lockstep.check.errors import demand
+from lockstep.model.agents.state_sizes import random_range
 from lockstep.workflow.design_file import DESIGN_NAME, Design, as_design
 from lockstep.workflow.generate import generated_files
 from lockstep.workflow.output_files import of_file
@@ -99,6 +100,7 @@ def network_campaign(
         problem.controller.delay,
     )
     given_seed = problem.simulation.seed if seed is None else seed
+    about, reach = random_range(network.agent, problem.simulation.spread)
     campaign = run_network(
         loop,
         network_faults,
@@ -107,7 +109,7 @@ def network_campaign(
         peaks=peaks(network, response, weights, count=POINTS, seed=given_seed),
         seed=given_seed,
         horizon=time,
-        spread=problem.simulation.spread,
+        starts=(about - reach, about + reach),
         most=0.1 * beyond(network.agent),
         jobs=jobs or cpu_count(),
     )

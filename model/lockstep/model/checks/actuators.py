@@ -59,6 +59,25 @@ def period(problem: Problem) -> Iterator[CheckRow]:
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
 
 
+def limits(problem: Problem, *, controllable: bool) -> Iterator[CheckRow]:
+    """Yield rows of limits that are too small, or too large, for the run, the domain and the unit they are in."""
+    yield from slow(problem, controllable=controllable)
+    yield from strong(problem)
+
+
+def strong(problem: Problem) -> Iterator[CheckRow]:
+    """Yield a row where inputs at their limits take an agent, its linear part, across its whole domain within a period."""
+    agent, T = problem.agent(), problem.controller.period
+    most = np.where(np.isfinite(problem.limits), problem.limits, 0.0)
+    with np.errstate(all="ignore"):
+        moved = np.abs(step_response(T, agent.lure.A, agent.lure.B)) @ most
+        across = moved / np.ptp(agent.box, axis=1)
+    for j in [int(np.argmax(across))] if (across > 1).any() else ():
+        figure = f"in {T:g} s inputs at [agent.limits] move {agent.states[j]} by {moved[j]:.3g}, and [agent.domain] is"
+        figure += f" {np.ptp(agent.box[j]):.3g} wide: are they in the unit of u?"
+        yield CheckRow("limits", "note", figure, "of agents outside of their domain nothing is proved")
+
+
 def slow(problem: Problem, *, controllable: bool) -> Iterator[CheckRow]:
     """Yield a row where inputs at their limits do not move the outputs within the run as far as they are apart at first.
 

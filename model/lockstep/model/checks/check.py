@@ -75,7 +75,7 @@ def check_problem(
         linear_part.directions(agent),
         *plausibility.unstable_alone(problem),
         *actuators.period(problem),
-        *actuators.slow(problem, controllable=inputs.controllable),
+        *actuators.limits(problem, controllable=inputs.controllable),
         *units,
         *plausibility.initial(problem),
     )
@@ -100,7 +100,7 @@ def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
     pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
     yield from plausibility.unstable_alone(problem)
     yield from actuators.period(problem)
-    yield from actuators.slow(problem, controllable=pairs[0][1].controllable)
+    yield from actuators.limits(problem, controllable=pairs[0][1].controllable)
     for row, pair in pairs:
         yield from [row] * (pair.relative_margin > pair.tolerance)
     yield from plausibility.units(problem)
