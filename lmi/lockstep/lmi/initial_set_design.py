@@ -43,7 +43,8 @@ def largest_initial_states(
         return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself"), None
     if not claim.performance.covers_xi:
         low = ", ".join(np.array(network.agent.states)[claim.performance.states < 1])
-        said = f"[design.disturbances] has no scale of 1 or more for {low}, so that rho is no gain from all of xi"
+        no_gain = "so that rho is no gain from all of xi: multiply all of its scales by one number"
+        said = f"[design.disturbances] has no scale of 1 or more for {low}, {no_gain}"
         return Unavailable(said), None
     plain = initial_states(network, certificate, inner=inner)
     if isinstance(plain, Unavailable) or isinstance(certificate, ModalCertificate):

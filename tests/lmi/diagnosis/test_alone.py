@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lmi_cases import problem
+from lmi_cases import ALPHA, arms, claim, problem
 
 from lockstep.check.system.loop import Gains
 from lockstep.lmi.diagnosis.open_loop import part_of_states, rho_alone
@@ -34,6 +34,12 @@ def test_a_gain_of_agents_near_the_edge_does_not_depend_on_units() -> None:
     """x_d' = -1000.5 x_d + phi_d + xi_d with |phi_d| <= 1000 |x_d|: rho = 2, and 2e6 where the same is told in 1e6 s."""
     assert alone("-1000.5*x + 1000*sin(x) + u", 0) == pytest.approx(2.0, rel=1e-3)
     assert alone("-1000.5e-6*x + 1000e-6*sin(x) + 1e-6*u", 0) == pytest.approx(2e6, rel=1e-3)
+
+
+def test_what_stays_where_it_is_has_none() -> None:
+    """The joint of an arm turns freely: a pole at 0, which doubles may see to the left of it, and a singular matrix."""
+    network = arms()
+    assert rho_alone(network, claim(network, 0, ALPHA)) is None
 
 
 PLANT = np.array([[0, 1, 0, 0], [-7.6, -68, 8, 0], [0, -175, -7.4, 330], [0, 0, 0, -50.0]])

@@ -125,6 +125,21 @@ def test_static_gains_that_keep_inputs_within_their_limits_are_near_within_two_f
         assert led_to((3.0, 3.0), (1.3, 1.3), posed=posed).problem.order > 0
 
 
+def test_a_decay_that_static_gains_have_is_not_looked_for_with_states(led_to: Any) -> None:
+    """Within two floors, whether or not inputs meet a limit: larger gains are what a decay asks for."""
+    agent, start = "limits = { u = [-1.0, 1.0] }", "[simulation]\ninitial = [[-1.0], [1.0]]"
+    posed = problem(
+        dynamics={"x": "sin(x) + u"},
+        outputs={"y": "x"},
+        network=PATH_2,
+        agent=agent,
+        design=f"starts = 1\ndecay = 0.1\n{start}",
+    )
+    made = led_to(None, None, (1.9, 1.9), posed=posed)
+    assert made.problem.order == 0
+    assert "order 0, gain_limit 0.75, sized for 1.5 times [agent.limits]" in made.figures["defaults"]["given_up"]
+
+
 @pytest.mark.parametrize(("apart", "within"), [(0.49, True), (0.51, False)])
 def test_inputs_are_within_their_limits_from_the_start_of_the_file(
     found: Proposal, apart: float, within: bool

@@ -18,7 +18,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
-from lockstep.lmi.analysis.p_norm import dominance_level, dominant, frequencies_of, gram, p_norm, thinned
+from lockstep.lmi.analysis.p_norm import (
+    MARGIN,
+    dominance_level,
+    dominant,
+    frequencies_of,
+    gram,
+    p_norm,
+    thinned,
+)
 from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 
 MOST_ENTRIES, PAIR = 300, 4
@@ -66,7 +74,8 @@ def least_by_frequencies(
         near: multipliers to start from.
         any_rho: whether rho^2 may be as it comes.
     """
-    if np.linalg.eigvals(Z[:, : len(Z)]).real.max() >= 0:
+    poles = np.linalg.eigvals(Z[:, : len(Z)])
+    if poles.real.max() >= -MARGIN * np.abs(poles).max():  # on the axis, as far as doubles tell
         return None
     response = Response.of(Z, constant, slopes)
     logs = np.zeros(len(slopes) - 1) if near is None else np.log(np.maximum(near[:-1], 1e-300))

@@ -84,7 +84,8 @@ class _Tried:
         if spec.static:
             if not best.floor or _shipped(best) > max(spec.static, CALM if spec.sized else 0.0):
                 return False
-            return _shipped(best) <= spec.static or within_limits(best.problem, best.network, best.gains)
+            calm = best.problem.design.decay or within_limits(best.problem, best.network, best.gains)
+            return bool(_shipped(best) <= spec.static or calm)
         near = VERY_FAR if spec.enough or again else FAR
         far = _over_floor(best) > near if best.floor else best.network.spectrum is None and not again
         return not far or eliminates_P(best.network.loop(best.problem.order))
