@@ -130,8 +130,11 @@ def test_a_number_may_hold_the_factor_of_a_unit():
         ),
         (SPRING, {**UNITS, "k": "furlongs per banana"}, r"\[agent.units\] k: .* is no unit"),
         # N and kN beside a number that may hold any factor, whichever stands first.
-        ({**SPRING, "v": "(-2*k*x + u - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
-        ({**SPRING, "v": "(u - 2*k*x - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
+        ({**SPRING, "v": "(-20*k*x + u - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
+        ({**SPRING, "v": "(u - 20*k*x - c*v)/m"}, {**UNITS, "u": "kN"}, "1000"),
+        # 4 beta/V of a cylinder, half of a square: no unit converts by them, and a slip beside them was silent.
+        ({**SPRING, "v": "4*(u - k*x - c*v)/m"}, {**UNITS, "m": "g"}, "1000 times"),
+        ({**SPRING, "v": "(u - k*x - 0.5*c*v)/m"}, {**UNITS, "c": "kg/ms"}, "1000"),
     ],
 )
 def test_units_that_do_not_fit_are_an_error_that_names_the_term(dynamics, units, told):

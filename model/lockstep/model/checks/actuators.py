@@ -94,7 +94,7 @@ def slow(problem: Problem, *, controllable: bool) -> Iterator[CheckRow]:
             if time is None
             else f"need {time:.3g} s to move {apart}, and the run is {horizon:g} s"
         )
-        figure = f"{held} {moved}: are they in the unit of u?"
+        figure = f"{held} {moved}: are they in the unit of u, and parameters in theirs?"
         reason = (
             "from there agents come together as slowly as they do by themselves, or as actuators let them"
         )

@@ -1,7 +1,8 @@
 """Dimensions of every term of every formula, from [agent.units], by pint: terms that are added have one dimension and unit.
 
 N and kN differ by a factor of 1000, which is carried as one more dimension, a power of ten: added to each other without it
-they would be another plant, and so would the sine of degrees. What a number multiplies may have any factor: pi/180, 3.6.
+they would be another plant, and so would the sine of degrees. What a number multiplies may have any factor, pi/180 or 3.6,
+but for those of `PURE`, by which no unit converts.
 
 d/dt x has the dimension of x over time; sin, exp, tanh and their like take and give pure numbers; a power of a quantity has a
 number as its exponent. Angles are pure numbers (BIPM, The International System of Units, 9th ed., 2019, section 5.4.8).
@@ -30,8 +31,9 @@ REMEDY = "correct the formula, or a unit in [agent.units]; a number has no dimen
 Powers = Mapping[str, float]
 """Exponents of the base dimensions, and of 10 where a unit is no coherent one of the SI: NaN where not known; none is 0."""
 
-NONE = 1e-9
-"""An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one."""
+NONE, PURE = 1e-9, frozenset({1.0, 2.0, 3.0, 4.0, 0.5, 0.25})
+"""An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one. And sizes of numbers that are
+no factor between units."""
 
 CLOCKS = 1e-9, 1e-6, 1e-3, 1.0, 60.0, 3600.0, 86400.0
 """Units of time, in s, that an agent may be written in: with z in m and v in km/h, z' = v would be in 3.6 s."""
@@ -205,7 +207,7 @@ def _multiplied(a: Quantity, b: Quantity, *, sign: int) -> Quantity:
         value = a.value * b.value if sign > 0 else a.value / b.value
     if a.powers is None or b.powers is None:
         return Quantity(None, value)
-    factor = any(one.value is not None and not one.powers and abs(one.value) != 1 for one in (a, b))
+    factor = any(one.value is not None and not one.powers and abs(one.value) not in PURE for one in (a, b))
     return Quantity({**product_of(a.powers, b.powers, sign), **({"10": math.nan} if factor else {})}, value)
 
 
