@@ -186,9 +186,9 @@ class SmoothedNorm:
             of_K += 2 * np.einsum("fiad,fibd->iab", *parts, optimize=True).real
         # Of sum_f (back' (force_f^H modes resolvent_f)') (seen_f)' what does not depend on f is taken out of the sum.
         adjoint = (force.conj().swapaxes(1, 2) @ here.modes) * here.resolvent[:, None, :]
-        outputs = _rows(states) @ self.seen.T + _rows(signals) @ self.noise.T
-        turn = here.back.T @ (adjoint.reshape(-1, len(here.W)).T @ outputs)
-        turn = turn.real.reshape(-1, *self.shape[::2])
+        turn = np.tensordot(adjoint, states, ([0, 1], [0, 2])) @ self.seen.T
+        turn = turn + np.tensordot(adjoint, signals, ([0, 1], [0, 2])) @ self.noise.T
+        turn = (here.back.T @ turn).real.reshape(-1, *self.shape[::2])
         of_K += 2 * np.einsum("ina,nil->ial", self.U, turn)
         v = signals[:, : self.n_v]
         granted = gram(v) if rho_0 is None else gram(v @ here.M, v)
@@ -296,11 +296,6 @@ def _times(
 ) -> Complex[np.ndarray, "f a d"]:
     """Return a real matrix times complex signals, without making it complex: half of the work."""
     return np.asarray((matrix @ np.ascontiguousarray(signals).view(float)).view(complex))
-
-
-def _rows(signals: Complex[np.ndarray, "f n d"]) -> Complex[np.ndarray, "fd n"]:
-    """Return each vector of the signals as a row."""
-    return signals.swapaxes(1, 2).reshape(-1, signals.shape[1])
 
 
 def norm_descent(norm: SmoothedNorm, K: GainBlocks) -> Descended:
