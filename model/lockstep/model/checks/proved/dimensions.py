@@ -32,8 +32,8 @@ Powers = Mapping[str, float]
 """Exponents of the base dimensions, and of 10 where a unit is no coherent one of the SI: NaN where not known; none is 0."""
 
 NONE, PURE = 1e-9, frozenset({1.0, 2.0, 3.0, 4.0, 0.5, 0.25})
-"""An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one. And sizes of numbers by which
-no unit converts."""
+"""An exponent that is 0 but for rounding: units differ by more than one part in 1e8, or are one. And sizes of numbers
+by which no unit converts."""
 
 CLOCKS = 1e-9, 1e-6, 1e-3, 1.0, 60.0, 3600.0, 86400.0
 """Units of time, in s, that an agent may be written in: with z in m and v in km/h, z' = v would be in 3.6 s."""
