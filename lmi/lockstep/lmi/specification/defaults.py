@@ -4,8 +4,8 @@ The last third of rho costs large gains, controllers that are unstable by themse
 names neither `weights` nor `gain_limit` or its units (nor a rho to keep), and its method searches,
 
     order               0 where static gains come within `NEAR` of the floor, which is that of controllers of any order, or
-                        within `CALM` if the inputs stay within their limits from the file's initial states, or states lower
-                        their rho by less than a tenth; else the usual one; unless it is named
+                        within `CALM` if the inputs stay within their limits from the file's initial states or a decay is
+                        asked for, or states lower their rho by less than a tenth; else the usual one; unless it is named
     gain_limit          6.4, or more where gains of size one, in natural units, are larger; first what takes about half of
                         [agent.limits] in the initial states of the file, where it names both: of static gains always,
                         of controllers with states where that is less for some entry, or in natural units
@@ -96,8 +96,9 @@ most. Of other static gains controllers with states are taken where they lower r
 actuators' limits are near within `VERY_FAR` where controllers with states would not be sized for these."""
 
 CALM = 2.0
-"""Floors within which static gains are near that keep the inputs within their limits in the file's run: states would lower
-rho at the price of inputs that are clipped (four pools of a canal: none from 1.38 times the start, then from 0.49)."""
+"""Floors within which static gains are near that keep the inputs within their limits in the file's run, or have the decay that
+is asked for: states would lower rho at the price of inputs that are clipped (four pools of a canal: none from 1.38 times the
+start, then from 0.49), or of a search that takes far longer."""
 
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
