@@ -96,9 +96,9 @@ most. Of other static gains controllers with states are taken where they lower r
 actuators' limits are near within `VERY_FAR` where controllers with states would not be sized for these."""
 
 CALM = 2.0
-"""Floors within which static gains are near that keep the inputs within their limits in the file's run, or have the decay that
-is asked for: states would lower rho at the price of inputs that are clipped (four pools of a canal: none from 1.38 times the
-start, then from 0.49), or of a search that takes far longer."""
+"""Floors within which static gains are near that keep the inputs within their limits in the file's run, or have the decay
+that is asked for: states would lower rho at the price of inputs that are clipped (four pools of a canal: none from 1.38 times
+the start, then from 0.49), or of a search that takes far longer."""
 
 VERY_FAR = 10.0
 """A rho above so many floors, without gain errors, which the floor does not know: as many starts are drawn anew."""
