@@ -42,9 +42,10 @@ MOST_OF_GIVEN = 150
 """Entries, as for `MOST_ENTRIES`, above which the certificate of given gains does without P: with 234 it took 14 s of
 processor, and a tenth of a second so, for a rho that was 4e-4 above."""
 
-ACCEPTED, NOTHING = 1e-6, 1e-14
-"""By how much a candidate may miss F <= 0 and still be worth a decision, its diagonal being -1 (where a part of the largest
-entry is more than nothing): of a slow loop the block of rho is 1e-6 of the largest entry, and any rho was within that."""
+ACCEPTED = 2e-8
+"""By how much, relative to its largest entry, a candidate may miss F <= 0 and still be worth a decision. Of forty that were
+right none missed by more than 5e-9; of eight of stiff or slow loops, with a rho below any that there is, none by less than
+4e-8."""
 
 
 @dataclass(frozen=True)
@@ -267,8 +268,7 @@ def _least(b: Balanced, unit: float) -> tuple[Certificate | None, bool]:
     problem = cp.Problem(cp.Minimize(w[-1]), conditions)
     if not solve_sdp(problem) or P.value is None or w.value is None:
         return None, problem.status in REFUSED
-    units = np.sqrt(np.maximum(-np.diag(F.value), NOTHING * np.abs(F.value).max()))
-    if float(np.linalg.eigvalsh(F.value / np.outer(units, units))[-1]) > ACCEPTED:
+    if float(np.linalg.eigvalsh(F.value)[-1]) > ACCEPTED * np.abs(F.value).max():
         return None, False
     rho = float(np.sqrt(max(unit * w.value[-1] / b.norms[-1], 0.0)))
     return b.certificate(unit * P.value, unit * w.value, rho), False
