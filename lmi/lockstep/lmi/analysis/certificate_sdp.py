@@ -128,7 +128,8 @@ def least_rho(
         if balanced is None or found is not None or refused:
             break
         found, refused = _least(balanced, unit)
-    if found is None and not refused:  # of a stiff loop the solver may end with nothing
+    if found is None and not refused and (balanced is not None or eliminates_P(loop, most)):
+        # Of a stiff loop the solver may end with nothing.
         known = None if near is None else form.multipliers(near)
         at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
         found = None if at is None else form.certificate(*at)
@@ -163,7 +164,7 @@ def tight_certificate(
         None if eliminates_P(loop, most) else balance(form) if near is None else balance_inside(form, near)
     )
     found = None if balanced is None else _smallest(balanced, rho)
-    if found is None:
+    if found is None and (balanced is not None or eliminates_P(loop, most)):
         at = storage_at(form.Z, form.constant, form.slopes, form.multipliers(replace(least, rho=rho)))
         found = None if at is None else replace(form.certificate(*at), rho=rho)
     return found
