@@ -43,7 +43,7 @@ def largest_initial_states(
         return Unavailable("[network] spectrum names graphs without a leader: no agent moves by itself"), None
     if not claim.performance.covers_xi:
         low = ", ".join(np.array(network.agent.states)[claim.performance.states < 1])
-        no_gain = "so that rho is no gain from all of xi: multiply all of its scales by one number"
+        no_gain = "so that rho is no gain from all of xi: name one for each state, the least of them 1"
         said = f"[design.disturbances] has no scale of 1 or more for {low}, {no_gain}"
         return Unavailable(said), None
     plain = initial_states(network, certificate, inner=inner)

@@ -123,21 +123,28 @@ def least_rho(
     most: entries above which P is eliminated.
     """
     form = AffineF(loop, gains, claim)
-    balanced, found, refused = None if eliminates_P(loop, most) else balance(form), None, False
+    if eliminates_P(loop, most):
+        return _by_frequencies(form, near, any_rho=any_rho)
+    balanced = balance(form)
+    if balanced is None:
+        return None
     for unit in UNITS:
-        if balanced is None or found is not None or refused:
-            break
         found, refused = _least(balanced, unit)
-    if found is None and not refused and (balanced is not None or eliminates_P(loop, most)):
-        # Of a stiff loop the solver may end with nothing.
-        known = None if near is None else form.multipliers(near)
-        at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
-        found = None if at is None else form.certificate(*at)
-    if balanced is None or near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
+        if found is not None or refused:
+            break
+    if found is None and not refused:  # of a stiff loop the solver may end with nothing
+        found = _by_frequencies(form, near, any_rho=any_rho)
+    if near is None or (found is not None and found.rho <= NO_WORSE * near.rho):
         return found
     inner = balance_inside(form, near)
     again = None if inner is None else _least(inner, 1.0)[0]
     return min((one for one in (found, again) if one is not None), key=lambda one: one.rho, default=None)
+
+
+def _by_frequencies(form: AffineF, near: Certificate | None, *, any_rho: bool) -> Certificate | None:
+    known = None if near is None else form.multipliers(near)
+    at = least_by_frequencies(form.Z, form.constant, form.slopes, known, any_rho=any_rho)
+    return None if at is None else form.certificate(*at)
 
 
 def tight_certificate(
@@ -160,14 +167,11 @@ def tight_certificate(
         near, most: as for `least_rho`; without near in the units of a Lyapunov equation.
     """
     form = AffineF(loop, gains, claim)
-    balanced = (
-        None if eliminates_P(loop, most) else balance(form) if near is None else balance_inside(form, near)
-    )
-    found = None if balanced is None else _smallest(balanced, rho)
-    if found is None and (balanced is not None or eliminates_P(loop, most)):
+    if eliminates_P(loop, most):
         at = storage_at(form.Z, form.constant, form.slopes, form.multipliers(replace(least, rho=rho)))
-        found = None if at is None else replace(form.certificate(*at), rho=rho)
-    return found
+        return None if at is None else replace(form.certificate(*at), rho=rho)
+    balanced = balance(form) if near is None else balance_inside(form, near)
+    return None if balanced is None else _smallest(balanced, rho)
 
 
 def _smallest(b: "Balanced", rho: float) -> Certificate | None:

@@ -72,7 +72,7 @@ def strong(problem: Problem) -> Iterator[CheckRow]:
     with np.errstate(all="ignore"):
         moved = np.abs(step_response(T, agent.lure.A, agent.lure.B)) @ most
         across = moved / np.ptp(agent.box, axis=1)
-    for j in [int(np.argmax(across))] if (across > 1).any() else ():
+    for j in [int(np.nanargmax(across))] if (across > 1).any() else ():
         figure = f"in {T:g} s inputs at [agent.limits] move {agent.states[j]} by {moved[j]:.3g}, and [agent.domain] is"
         figure += f" {np.ptp(agent.box[j]):.3g} wide: are they in the unit of u?"
         yield CheckRow("limits", "note", figure, "of agents outside of their domain nothing is proved")
