@@ -177,6 +177,17 @@ def test_the_distance_from_consensus_is_the_same_in_the_paper_s_coordinates():
     assert x_d @ form @ x_d == pytest.approx(np.sum((x - x.mean(axis=0)) ** 2), rel=1e-9)
 
 
+def test_the_noise_bound_does_not_depend_on_units_of_the_controllers_states():
+    """x_C in 2^20 of its unit: powers of two, so the same loop, and nothing that is told of it has a unit of x_C."""
+    net, _ = oscillators(alpha=0.2)
+    far = []
+    for unit in (1.0, 2.0**20):
+        table = [[0.9, 0.01 / unit, 0.02 / unit], [0.1 * unit, -1.0, -2.0]]
+        verdict = certify_sampled(net, controllers([table] * 3, 1, EDGES))
+        far.append(verdict.residual_per_message_error)
+    assert far[1] == pytest.approx(far[0], rel=0.02)
+
+
 def test_a_storage_without_an_end_is_none_and_no_crash(monkeypatch):
     """An X that Cholesky just takes for definite may still be singular to the inverse."""
     unit = np.eye(2)

@@ -48,6 +48,10 @@ right none missed by more than 5e-9; of eight of stiff or slow loops, with a rho
 4e-8."""
 
 
+STEPS = 100
+"""Of the solver: of 200 programs of seven designs all ended within 74, but one that took 200 and came to nothing."""
+
+
 @dataclass(frozen=True)
 class AffineF:
     """F for given gains, affine in the unknowns: F = J P Z + (J P Z)' + F_0 + sum_k w_k F_k.
@@ -187,11 +191,9 @@ def _smallest(b: "Balanced", rho: float) -> Certificate | None:
         return None
     candidate = b.certificate(P.value, w.value, rho)
     room = ROOM * float(s.value)
-    if solve_sdp(cp.Problem(cp.Minimize(cp.trace(P)), [*conditions, s == room])) and P.value is not None:
-        worst = float(np.linalg.eigvalsh(F.value)[-1])
-        if worst <= -room / 2:
-            return b.certificate(P.value, w.value, rho)
-    return candidate
+    smallest = cp.Problem(cp.Minimize(cp.trace(P)), [*conditions, s == room])
+    inside = solve_sdp(smallest) and float(np.linalg.eigvalsh(F.value)[-1]) <= -room / 2
+    return b.certificate(P.value, w.value, rho) if inside else candidate
 
 
 @dataclass(frozen=True)
@@ -312,7 +314,7 @@ def solve_sdp(problem: "cp.Problem", *, decompose: bool = True) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            problem.solve(solver=cp.CLARABEL, chordal_decomposition_enable=decompose)
+            problem.solve(solver=cp.CLARABEL, chordal_decomposition_enable=decompose, max_iter=STEPS)
         except cp.SolverError:
             return False
     return problem.status in SOLVED

@@ -79,19 +79,16 @@ def run_dense(problem: "cp.Problem", near: float = ACCURATE) -> bool:
     import cvxpy as cp
 
     data, chain, inverse = problem.get_problem_data(cp.CLARABEL, solver_opts={})
-    x, iterations = _solution(data["A"], data["b"], data["c"], data["dims"], near)
-    status = "NumericalError" if x is None else "Solved"
-    value = None if x is None else float(data["c"] @ x)
-    # No dual point is kept; cvxpy before 1.9.1 unpacks one all the same.
-    z = np.zeros(len(data["b"]))
-    answer = SimpleNamespace(x=x, z=z, status=status, obj_val=value, solve_time=0.0, iterations=iterations)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            problem.unpack_results(answer, chain, inverse)
-    except cp.SolverError:
+    x, steps = _solution(data["A"], data["b"], data["c"], data["dims"], near)
+    if x is None:
         return False
-    return x is not None
+    # No dual point is kept; cvxpy before 1.9.1 unpacks one all the same.
+    z, value = np.zeros(len(data["b"])), float(data["c"] @ x)
+    answer = SimpleNamespace(x=x, z=z, status="Solved", obj_val=value, solve_time=0.0, iterations=steps)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.unpack_results(answer, chain, inverse)
+    return True
 
 
 def _solution(

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
 from lockstep.lmi.analysis.p_norm import (
-    MARGIN,
+    are_inside,
     dominance_level,
     dominant,
     frequencies_of,
@@ -74,8 +74,7 @@ def least_by_frequencies(
         near: multipliers to start from.
         any_rho: whether rho^2 may be as it comes.
     """
-    poles = np.linalg.eigvals(Z[:, : len(Z)])
-    if poles.real.max() >= -MARGIN * np.abs(poles).max():  # on the axis, as far as doubles tell
+    if not are_inside(np.linalg.eigvals(Z[:, : len(Z)])):
         return None
     response = Response.of(Z, constant, slopes)
     logs = np.zeros(len(slopes) - 1) if near is None else np.log(np.maximum(near[:-1], 1e-300))

@@ -13,7 +13,8 @@ AROUND = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 """Frequencies about each resonance, in half widths of it."""
 
 MARGIN = 1e-9
-"""The part of the largest pole that others count as at least: a pole at 0 has no frequency of its own."""
+"""The part of the largest pole that others count as at least, and by which stable ones are inside: less is rounding,
+and a pole at 0 has no frequency of its own."""
 
 NEGLIGIBLE = 4e-3
 """A frequency whose largest eigenvalue adds less than this part of the largest one to the p-norm is left out."""
@@ -23,6 +24,11 @@ APART = 1.03
 
 FEW_APART = 1.3
 """The factor between the frequencies that count wherever the top is."""
+
+
+def are_inside(poles: Complex[np.ndarray, " n"]) -> bool:
+    """Tell whether poles are stable as far as doubles tell."""
+    return bool(poles.real.max() < -MARGIN * np.abs(poles).max())
 
 
 def frequencies_of(poles: Complex[np.ndarray, " n"], grid: int = GRID) -> Float[np.ndarray, " f"]:

@@ -39,7 +39,7 @@ PRICES = (2.0, 8.0, 64.0)
 RMS = (0.35, 0.45, 0.6, 0.8, 1.0)
 """The root mean square asked for, as a part of the ultimate bound that goes without any weight."""
 
-ROUNDINGS = (1e6, 1e4, 1e8)
+ROUNDINGS = (1e6, 1e5, 1e4, 1e8)
 """Prices of rounding, relative to what its directions weigh in P."""
 
 CLAIMED = 0.98
@@ -49,8 +49,9 @@ REACHES = (0.0, 1e-9, 1e-12, 1e-6)
 """What is added to S in every direction, in multiples of its size. A direction that neither the nonlinearity nor an error
 reaches, as in a mode that no input moves, has an X of zero and a P without end; a little reach gives it one."""
 
-FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.2, 0.225), (0.9, 0.75, 0.6), 0.97
-"""As `RATES`, `RMS` and `CLAIMED`, where the pair weights are free: half of what the noise can reach, or less, comes out."""
+FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.225, 0.3, 0.4, 0.5), (0.75, 0.6, 0.5), 0.97
+"""As `RATES`, each as long as it lowers what the noise can reach, `RMS`, of the best of them, and `CLAIMED`, where the pair
+weights are free: half of what the noise can reach, or less, comes out."""
 
 SOME_STATES, MOST_STATES, MOST_PAIRS = 18, 30, 15
 """Of a loop whose weights are freed for all rates and root mean squares, for one of each, and at all: a program takes a
@@ -118,17 +119,27 @@ def _promised(witness: Witness) -> float:
 def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterator[Witness]:
     """Yield witnesses of the convex program: the least price of the noise with V >= |x_d|^2, and so with a weight of it."""
     distance, spread = metric_of(loop), 1 - radius**2
-    rates, parts = (FREE_RATES, FREE_RMS) if loop.n_x <= SOME_STATES else (FREE_RATES[1:2], FREE_RMS[1:2])
+    rates, parts = (FREE_RATES, FREE_RMS) if loop.n_x <= SOME_STATES else (FREE_RATES[1:2], FREE_RMS[:1])
+
+    def least(rate: float, weight: float = 0.0) -> Witness | None:
+        program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
+        if program is None:
+            return None
+        found = program.least(program.kappa, [program.V >> program.seen(distance)], weight)
+        return found and found[1]
+
+    best, reached = 0.0, np.inf
     for rate in () if is_large(loop) else rates:
-        least = None
-        for part in (None, *parts):
-            weight = 0.0 if part is None or least is None else rate * spread / (part**2 * least)
-            program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
-            found = None if program is None else program.least(program.kappa, [program.P >> distance], weight)
-            if found is None:
-                break
-            yield from islice(priced_for_rounding(loop, one, found[1], FREE_CLAIMED), 1)
-            least = found[1].kappa if least is None else least
+        found = least(rate)
+        if found is None or found.kappa / (rate * spread) >= reached:
+            break
+        best, reached = rate, found.kappa / (rate * spread)
+        yield from islice(priced_for_rounding(loop, one, found, FREE_CLAIMED), 1)
+    for part in parts if best else ():
+        found = least(best, 1 / (part**2 * reached))
+        if found is None:
+            break
+        yield from islice(priced_for_rounding(loop, one, found, FREE_CLAIMED), 1)
 
 
 def is_large(loop: SampledLoop) -> bool:

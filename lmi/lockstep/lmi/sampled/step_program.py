@@ -22,7 +22,6 @@ from jaxtyping import Float
 from lockstep.check.sampled.inequality import Witness, metric
 from lockstep.check.sampled.lifting import Lifted, copies
 from lockstep.check.sampled.loop import SampledLoop
-from lockstep.lmi.analysis.certificate_sdp import solve_sdp
 from lockstep.lmi.analysis.dense_sdp import run_dense
 
 NEAR = 1e-4
@@ -44,7 +43,7 @@ NOTHING = 1e-14
 class StepProgram:
     """The program of one loop and decay.
 
-    basis: L;  h: how far a step moves;  V, m, kappa: variables, kappa in units of `unit`;  P: L V L';  conditions: the
+    basis: L;  h: how far a step moves;  V, m, kappa: variables, kappa in units of `unit`;  conditions: the
     inequality;  cross: tau H L^-T sqrt(unit / h), a variable, where a sector is part of it.
     """
 
@@ -59,10 +58,10 @@ class StepProgram:
     conditions: list[Any]
     cross: Any = None
 
-    @property
-    def P(self) -> Any:
-        """P as an expression."""
-        return self.basis @ self.V @ self.basis.T
+    def seen(self, form: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+        """Return L^-1 form L^-T: P >= form where V is above it. In units of the loop entries may be 1e6 apart."""
+        inverse = np.linalg.inv(self.basis)
+        return np.asarray(inverse @ form @ inverse.T)
 
     def least(self, goal: Any, conditions: list[Any], weight: float = 0.0) -> tuple[float, Witness] | None:
         """Minimise a goal; return its value and the witness, without prices of the rounding, or None.
@@ -72,19 +71,12 @@ class StepProgram:
         import cvxpy as cp
 
         problem = cp.Problem(cp.Minimize(goal), [*self.conditions, *conditions])
-        solved = run_dense(problem, NEAR) or solve_sdp(problem)
-        if not solved or self.V.value is None or self.m.value is None:
+        if not run_dense(problem, NEAR):
             return None
-        P, m, kappa = self.P.value, self.m.value, float(self.kappa.value) * self.unit
-        found = Witness(
-            (P + P.T) / 2,
-            np.maximum(m, 1e-9 * max(float(m.max(initial=0.0)), 1e-300)),
-            np.zeros(len(self.loop.ways)),
-            self.decay,
-            kappa,
-            weight * kappa,
-        )
-        return float(problem.value), found
+        P, m = self.basis @ self.V.value @ self.basis.T, self.m.value
+        m = np.maximum(m, 1e-9 * max(float(m.max(initial=0.0)), 1e-300))
+        kappa, t = float(self.kappa.value) * self.unit, np.zeros(len(self.loop.ways))
+        return float(problem.value), Witness((P + P.T) / 2, m, t, self.decay, kappa, weight * kappa)
 
 
 def step_program(

@@ -33,7 +33,7 @@ from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P
 from lockstep.lmi.analysis.frequency_multipliers import Form
 from lockstep.lmi.analysis.gain_limit import limit_barrier
-from lockstep.lmi.analysis.p_norm import dominant, frequencies_of, gram, p_norm, thinned
+from lockstep.lmi.analysis.p_norm import are_inside, dominant, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.response import Poles
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers, Vector
@@ -68,9 +68,6 @@ GRID = 40
 
 RETRIES = 3
 """How often a stage is repeated with more frequencies where its gain turned out to lie between the chosen ones."""
-
-MARGIN = 1e-9
-"""The part of the largest pole by which a loop is inside the stable region at least: less is rounding."""
 
 LARGEST = 60.0
 """Bound on the logarithm of a multiplier: beyond it doubles overflow where they are squared."""
@@ -213,7 +210,7 @@ class SmoothedNorm:
     ) -> "_Response | None":
         """Return the response at the frequencies; None where the loop is not stable or there is no rho."""
         poles, modes = np.linalg.eig(self.loop.A_cl(K))
-        if poles.real.max() >= -MARGIN * np.abs(poles).max():
+        if not are_inside(poles):
             return None
         resolvent = 1 / (1j * frequencies[:, None] - poles)
         W, D = self.weight + np.tensordot(w, self.W, 1), np.tensordot(w, self.D, 1)
@@ -306,8 +303,7 @@ def norm_descent(norm: SmoothedNorm, K: GainBlocks) -> Descended:
         K: gains inside the limit, with which the loop is stable.
     """
     x, gain = norm.pack(K, np.ones(len(norm.W))), 0.0
-    poles = np.linalg.eigvals(norm.loop.A_cl(K))
-    if poles.real.max() >= -MARGIN * np.abs(poles).max():  # on the axis, as far as doubles tell
+    if not are_inside(np.linalg.eigvals(norm.loop.A_cl(K))):
         return Descended(*norm.unpack(x), np.inf, np.inf)
     if norm.n_v:
         x, rho_0 = _generous(norm, x)
