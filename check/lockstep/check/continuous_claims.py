@@ -84,8 +84,7 @@ def decide_initial_set(
         inside, radius = box_text(claimed.inner), f"|x_d(0)| <= {claimed.radius:.10g}"
         radius += f", or {axes_text(claimed.half_axes, domain.states)}" if claimed.half_axes else ""
         alone = f"while agent {claimed.leader} moves by itself, without a command of its own, and stays in {inside}"
-        said = f"{alone}, all stay in their domain and agree from {radius}"
-        return Verdict("proved", said)
+        return Verdict("proved", f"{alone}, all stay in their domain and agree from {radius}")
     return Verdict("undecided", f"other initial states are claimed than are proved: {found}")
 
 

@@ -93,8 +93,7 @@ def inside(relative: str, where: str) -> tuple[str, ...]:
 
 def _read(path: Path, expected: str, at_most: int, *, follow: bool) -> bytes:
     with named(path, expected):
-        status = path.stat() if follow else path.lstat()
-        _check(status, path, expected, at_most)
+        _check(path.stat() if follow else path.lstat(), path, expected, at_most)
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         if not follow:
             flags |= getattr(os, "O_NOFOLLOW", 0)

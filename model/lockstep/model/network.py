@@ -91,8 +91,7 @@ class Network:
         n, n_C, N = self.agent.n, gains.order, self.N
         x, x_C, xi = ca.SX.sym("x", n, N), ca.SX.sym("x_C", n_C, N), ca.SX.sym("xi", n, N)
         t = ca.SX.sym("t")
-        lure = self.agent.lure
-        r = ca.mtimes([ca.DM(lure.C), x, ca.DM(self.graph.laplacian.T)])
+        r = ca.mtimes([ca.DM(self.agent.lure.C), x, ca.DM(self.graph.laplacian.T)])
         drift = self.drift()
         u = [ca.DM(gains.C[i]) @ x_C[:, i] + ca.DM(gains.D[i]) @ r[:, i] for i in range(N)]
         dx = [drift(x[:, i], t) + ca.DM(self.B[i]) @ u[i] + xi[:, i] for i in range(N)]

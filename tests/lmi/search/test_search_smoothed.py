@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lmi_cases import ALPHA, arms, claim, problem, published
+from scipy.linalg import block_diag, eigh
 
 from lockstep.check.continuous.inequality import Claim
 from lockstep.lmi.analysis.certificate_sdp import least_rho
@@ -105,6 +106,27 @@ def test_the_level_is_the_rho_that_the_inequality_has(
     assert level == pytest.approx(found.rho, rel=2e-3)
     # The must-fail beside it: a rho_0 below has a gain above one, and one above has a gain below.
     assert norm.level(x, 0.98 * level, frequencies) > 1 > norm.level(x, 1.02 * level, frequencies)
+
+
+@pytest.mark.parametrize(("delta", "asked"), [(DELTAS[0], {}), (DELTAS[1], {}), (DELTAS[1], ASKED[1])])
+def test_the_gain_is_the_largest_of_psi_against_d(
+    delta: tuple[float, ...], asked: dict[str, np.ndarray]
+) -> None:
+    """Gains that may be off are more signals than there are states: a smaller matrix with the same eigenvalues serves."""
+    what, rho_0 = search(delta, asked), 30.0
+    norm = what.norm
+    x = with_multipliers(norm, what)
+    K, w = norm.unpack(x)
+    frequencies = norm.frequencies(x)
+    A, into = what.loop.A_cl(K), norm._into(K)
+    X = np.linalg.solve(1j * frequencies[:, None, None] * np.eye(len(A)) - A, into)
+    Psi = norm._Psi(K, norm.weight + np.tensordot(w, norm.W, 1), X)
+    D = block_diag(np.tensordot(w, norm.D, 1), rho_0**2 * np.eye(into.shape[1] - norm.n_v))
+    expected = [eigh(one, D, eigvals_only=True)[-1] for one in Psi]
+    assert norm.levels(x, rho_0, frequencies) == pytest.approx(np.array(expected), rel=1e-9)
+    found = norm._response(K, w, rho_0, frequencies)
+    assert found is not None
+    assert (found.M.shape[1] < len(D)) == any(delta)
 
 
 @pytest.mark.slow

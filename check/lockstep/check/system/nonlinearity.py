@@ -174,8 +174,7 @@ def _directions(rows: Sequence[Row]) -> list[Row]:
     """Return the different directions among the rows, the simplest first; x - y and 2 y - 2 x are one."""
     found: dict[Row, Row] = {}
     for row in map(_normalised, rows):
-        opposite = tuple((j, -value) for j, value in row)
-        found.setdefault(max(row, opposite), row)
+        found.setdefault(max(row, tuple((j, -value) for j, value in row)), row)
     return sorted(found.values(), key=_simplicity)
 
 

@@ -216,8 +216,7 @@ class Balanced:
 
     def certificate(self, P: Float[np.ndarray, "n_x n_x"], w: Multipliers, rho: float) -> Certificate:
         """Return the unknowns, back in the coordinates of the loop, as a certificate for a given rho."""
-        found = self.form.certificate(self.L @ P @ self.L.T, w / self.norms)
-        return replace(found, rho=rho)
+        return replace(self.form.certificate(self.L @ P @ self.L.T, w / self.norms), rho=rho)
 
 
 def balance(form: AffineF) -> Balanced | None:

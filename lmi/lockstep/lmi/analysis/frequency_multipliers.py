@@ -18,15 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
-from lockstep.lmi.analysis.p_norm import (
-    are_inside,
-    dominance_level,
-    dominant,
-    frequencies_of,
-    gram,
-    p_norm,
-    thinned,
-)
+from lockstep.lmi.analysis.p_norm import are_inside, dominant, frequencies_of, gram, near_top, p_norm, thinned
 from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 
 MOST_ENTRIES, PAIR = 300, 4
@@ -198,7 +190,7 @@ class Response:
     def between(self, logs: Float[np.ndarray, " w"]) -> Float[np.ndarray, " f"]:
         """Return the frequencies with more between those near the largest eigenvalue and their neighbours."""
         levels, f = self.levels(self.rho, logs), self.frequencies
-        near = levels >= dominance_level(STAGES[-1][0]) * levels.max()
+        near = near_top(levels, STAGES[-1][0])
         ends = np.flatnonzero(near[:-1] | near[1:])
         return np.unique(np.concatenate([f, np.linspace(f[ends], f[ends + 1], BETWEEN).ravel()]))
 
@@ -218,9 +210,9 @@ class Response:
         w = np.exp(logs)
         try:
             M, signals = kind(y, w)
+            norm, factor = p_norm(M, p)
         except np.linalg.LinAlgError:
-            return np.inf, np.zeros_like(logs)
-        norm, factor = p_norm(M, p)
+            norm = np.inf
         if not np.isfinite(norm):
             return np.inf, np.zeros_like(logs)
         signals = signals @ factor

@@ -53,20 +53,19 @@ def thinned(frequencies: Float[np.ndarray, " f"], apart: float = APART) -> Float
     return np.array(kept)
 
 
-def dominance_level(p: int) -> float:
-    """Return the part of the largest eigenvalue below which a frequency hardly counts in the p-norm."""
-    return float(NEGLIGIBLE ** (1 / p))
+def near_top(levels: Float[np.ndarray, " f"], p: int) -> Bool[np.ndarray, " f"]:
+    """Tell which frequencies count in the p-norm, by their largest eigenvalues."""
+    return np.asarray(levels >= NEGLIGIBLE ** (1 / p) * levels.max())
 
 
 def dominant(
     frequencies: Float[np.ndarray, " f"], levels: Float[np.ndarray, " f"], p: int
 ) -> Bool[np.ndarray, " f"]:
-    """Tell which frequencies count in the p-norm, by their largest eigenvalues: those near the top, and a few over the range.
+    """Tell which frequencies a descent looks at: those near the top, and a few over the range.
 
     Without the few a descent lowers the top and raises what it does not see.
     """
-    few = np.isin(frequencies, thinned(frequencies, FEW_APART))
-    return np.asarray(few | (levels >= dominance_level(p) * levels.max()))
+    return np.asarray(np.isin(frequencies, thinned(frequencies, FEW_APART)) | near_top(levels, p))
 
 
 def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.ndarray, "f d d"]]:

@@ -86,8 +86,7 @@ def _decay(problem: Problem, network: Network, claim: Claim) -> Hint | None:
 
 def _delta(problem: Problem, network: Network, claim: Claim) -> Hint | None:
     def with_part(part: float) -> bool:
-        easier = replace(claim, delta=part * claim.delta)
-        return is_designed(problem, network, easier, problem.gain_limit)
+        return is_designed(problem, network, replace(claim, delta=part * claim.delta), problem.gain_limit)
 
     if not claim.delta.any() or not with_part(0.0):
         return None

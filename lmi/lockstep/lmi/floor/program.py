@@ -95,8 +95,7 @@ class FloorProgram:
         """Return by what each entry of v^ is multiplied in v."""
         k = self.stated.primal.k
         square, square_dual = (np.outer(D, D)[_places(len(D))] for D in (scales.Z, scales.Z_dual))
-        between = 1 / np.outer(scales.Z_c[:k], scales.Z_c[k:])
-        return np.concatenate([square, square_dual, between.ravel()])
+        return np.concatenate([square, square_dual, 1 / np.outer(scales.Z_c[:k], scales.Z_c[k:]).ravel()])
 
     def Z_c_of(self, v: Vector) -> Matrix:
         """Return Z_c."""

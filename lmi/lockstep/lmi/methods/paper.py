@@ -110,8 +110,7 @@ class _Printed:
         from scipy.linalg import block_diag
 
         tau, n_d, n_c = self.tau, self.n_d, self.n_c
-        P_S = cp.kron(np.eye(self.N - 1), self.p_s)
-        P = _diagonal([P_S, *self.P_C])
+        P = _diagonal([cp.kron(np.eye(self.N - 1), self.p_s), *self.P_C])
         B = np.kron(self.d.T, np.eye(self.n)) @ block_diag(*self.network.B)
         top, bottom = np.eye(n_d + n_c, n_d), np.eye(n_d + n_c)[:, n_d:]
         columns: list[Any] = [P]

@@ -69,6 +69,9 @@ GRID = 40
 RETRIES = 3
 """How often a stage is repeated with more frequencies where its gain turned out to lie between the chosen ones."""
 
+REGULAR = 1e-14
+"""What is added to a square, relative to the largest, so that it has a factor."""
+
 LARGEST = 60.0
 """Bound on the logarithm of a multiplier: beyond it doubles overflow where they are squared."""
 
@@ -84,6 +87,10 @@ class Descended:
     w: Multipliers
     gain: float
     rho: float
+
+
+_At = tuple[GainBlocks, Float[np.ndarray, "n n"], Complex[np.ndarray, "f n s"]]
+"""K, W and X."""
 
 
 class _Response(NamedTuple):
@@ -217,8 +224,8 @@ class SmoothedNorm:
         try:
             back = np.linalg.inv(modes)
             X = modes @ (resolvent[:, :, None] * (back @ self._into(K)))
-            Psi = self._Psi(K, W, X)
-            M, signals = self._rho(Psi, D) if rho_0 is None else self._gain(Psi, D, rho_0)
+            at = K, W, X
+            M, signals = self._rho(self._Psi(*at), D) if rho_0 is None else self._gain(at, D, rho_0)
         except np.linalg.LinAlgError:
             return None
         if not np.isfinite(M).all():
@@ -267,11 +274,23 @@ class SmoothedNorm:
         unit = np.broadcast_to(np.eye(answer.shape[2]), (len(Psi), *(answer.shape[2],) * 2))
         return Psi[:, n_v:, n_v:] + Psi[:, n_v:, :n_v] @ answer, np.concatenate([answer, unit], axis=1)
 
-    def _gain(self, Psi: Complex[np.ndarray, "f s s"], D: Float[np.ndarray, "v v"], rho_0: float) -> Form:
-        """Return Psi against diag(D, rho_0^2 I) at each frequency."""
-        root = np.eye(Psi.shape[1]) / rho_0
+    def _gain(self, at: _At, D: Float[np.ndarray, "v v"], rho_0: float) -> Form:
+        """Return Psi against diag(D, rho_0^2 I) at each frequency.
+
+        Where Psi = Y^H Y has fewer rows of Y than signals: with L L^H = Y Y^H its eigenvalues are those of L^H L, and 0, and
+        Q = Y^H L^-H makes Q L^H L Q^H of these, whatever the condition of L is.
+        """
+        K, W, X = at
+        root = np.eye(X.shape[2]) / rho_0
         root[: self.n_v, : self.n_v] = np.linalg.inv(np.linalg.cholesky(D)).T
-        return root.T @ Psi @ root, np.broadcast_to(root, Psi.shape)
+        rows = _half(self.effort)
+        if len(W) + len(K) * len(rows) >= len(root):
+            return root.T @ self._Psi(*at) @ root, np.broadcast_to(root, (len(X), *root.shape))
+        pushed = [self._each(rows @ K, self.seen @ X + self.noise)] if len(rows) else []
+        Y = np.concatenate([_times(_half(W), X), *pushed], axis=1) @ root
+        room = REGULAR * np.abs(Y).max() ** 2 * Y.shape[2] * np.eye(Y.shape[1])
+        L = np.linalg.cholesky(Y @ Y.conj().swapaxes(1, 2) + room)
+        return L.conj().swapaxes(1, 2) @ L, root @ np.linalg.solve(L, Y).conj().swapaxes(1, 2)
 
     def _barrier(self, K: GainBlocks, weight: float) -> tuple[float, GainBlocks] | None:
         """Return the barrier of the limit, with the Gramians', and its slope; None outside."""
@@ -293,6 +312,13 @@ def _times(
 ) -> Complex[np.ndarray, "f a d"]:
     """Return a real matrix times complex signals, without making it complex: half of the work."""
     return np.asarray((matrix @ np.ascontiguousarray(signals).view(float)).view(complex))
+
+
+def _half(form: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "r a"]:
+    """Return the rows of Y with Y' Y = form, positive semidefinite."""
+    values, vectors = np.linalg.eigh(form)
+    kept = values > REGULAR * values.max(initial=0.0)
+    return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
 def norm_descent(norm: SmoothedNorm, K: GainBlocks) -> Descended:

@@ -22,8 +22,7 @@ def choose_scaling(objective: Objective, points: Points) -> tuple[list[float], l
     ones = [1.0] * rows, [1.0] * columns
     if rows == 1:
         return ones
-    chosen = points[:, :: max(1, points.shape[1] // SAMPLES)]
-    J = PointSlopes(objective).jacobians(chosen)
+    J = PointSlopes(objective).jacobians(points[:, :: max(1, points.shape[1] // SAMPLES)])
     J = J if objective.narrow is objective.slopes else J.transpose(0, 2, 1)
     J = J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J) < 1e100).all(axis=(1, 2))]
     if not len(J):

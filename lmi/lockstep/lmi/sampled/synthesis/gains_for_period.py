@@ -229,8 +229,7 @@ def _reached(
     for number, last in enumerate(stages, start=1):
         tell(number / (len(STAGES) + 1))
         m = np.exp(last.logs) if objective.has_phi else known
-        K = limited(last.K, (1 - ROOM) * at.gain_limit)
-        found = sampled_rho_of(at, K, m, NEARBY)
+        found = sampled_rho_of(at, limited(last.K, (1 - ROOM) * at.gain_limit), m, NEARBY)
         if found is not None and (best is None or found.rho < best.rho):
             best = found
         if at.deadline.over:

@@ -181,8 +181,7 @@ def not_decaying(field: Field, *, marginal: bool = True) -> tuple[str, dict[str,
         exact = as_written(field.agent)
         stacked = fmpq_mat([*exact.A.tolist(), *exact.H.tolist()])
         if stacked.rank() < field.n:
-            vector = kernel_vector(stacked)
-            return "f is the same along a direction of the states", {"direction": vector}
+            return "f is the same along a direction of the states", {"direction": kernel_vector(stacked)}
     points = field.samples(SAMPLES)
     J = at_points(field.jacobian, points)
     good = np.isfinite(J).all(axis=(1, 2)) & field.defined_on(points, points)

@@ -104,8 +104,7 @@ def _one(location: Location, kind: str, value: Any) -> ProblemError:
 
 def _unknown(location: Location) -> ProblemError:
     *table, key = location
-    model = _model(tuple(table)) or ProblemFile
-    known = list(model.model_fields)
+    known = list((_model(tuple(table)) or ProblemFile).model_fields)
     elsewhere = [
         _table_path(place) or "the first lines, before any table"
         for place, other in _tables()
