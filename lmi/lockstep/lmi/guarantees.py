@@ -7,6 +7,7 @@ V' < -2 sigma V. Of sigma = 0 the certificate of rho is one; -abscissa of A_cl i
 
 import contextlib
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -81,11 +82,17 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
         modal: whether a certificate of the modes is looked for.
     """
 
-    def holds(decay: float) -> bool:
-        return _holds(network.decaying(decay), gains, claim, modal)
+    def holds(decay: float, *, quick: bool = False) -> bool:
+        decaying = network.decaying(decay)
+        if modal:
+            return least_witness(decaying, gains, claim)[1] is not None
+        return may_be_proved(decaying, gains, claim, quick=quick)
 
     linear = -abscissa(network, gains, modal=modal)
-    low = bisect(holds, 0.0, linear, HALVINGS)
+    low = bisect(partial(holds, quick=True), 0.0, linear, HALVINGS)
+    above = low + linear / 2**HALVINGS
+    if not modal and holds(above):  # where frequencies do not find what there is
+        low = bisect(holds, above, linear, HALVINGS)
     # Where nothing holds for the solver, the proof, which tries more than one rho, is asked itself.
     for decay in (float(f"{part * (low or linear):.3g}") for part in KEPT):
         if not decay > 0:
@@ -114,8 +121,7 @@ def abscissa(network: Network, gains: Gains, *, modal: bool) -> float:
         return float(np.linalg.eigvals(network.loop(gains.order).A_cl(gains.blocks)).real.max())
     modes, K = Modes(network.plant, gains.order, network.decay), gains.blocks[0]
     found = [np.linalg.eigvals(modes.at(value).A_cl(K[None])) for value in eigenvalues_of(network)]
-    n_C = gains.order
-    found.append(np.linalg.eigvals(K[:n_C, :n_C]) + network.decay)
+    found.append(np.linalg.eigvals(K[: gains.order, : gains.order]) + network.decay)
     return float(np.concatenate(found).real.max())
 
 
@@ -128,9 +134,3 @@ def proved_decay(
         NotCertified: none was found, or it did not survive the exact check.
     """
     return (prove_modes if modal else prove)(network.decaying(decay), gains, claim)
-
-
-def _holds(network: Network, gains: Gains, claim: Claim, modal: bool) -> bool:
-    if modal:
-        return least_witness(network, gains, claim)[1] is not None
-    return may_be_proved(network, gains, claim)

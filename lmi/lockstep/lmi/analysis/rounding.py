@@ -127,12 +127,12 @@ def prove(
     )
 
 
-def may_be_proved(network: Network, gains: Gains, claim: Claim) -> bool:
-    """Tell whether the solver finds a certificate, with any rho, in some of the units that `prove` looks in."""
+def may_be_proved(network: Network, gains: Gains, claim: Claim, *, quick: bool = False) -> bool:
+    """Tell whether a certificate with any rho is found in some units that `prove` looks in; quick: with P eliminated."""
     loop, K = network.loop(gains.order), gains.blocks
     return any(
         least_rho(one.loop, K, one.claim, any_rho=True, most=one.most) is not None
-        for one in _in_all_units(loop, claim, None)
+        for one in _in_all_units(loop, claim, None)[-1 if quick else 0 :]
     )
 
 

@@ -137,8 +137,7 @@ def without_rho(plant: Plant, alpha: fmpq) -> Projected:
     B, H = np.hstack(plant.B), alpha * plant.H
     nothing, border = zeros(n, n, plant.A), (zeros(n, 0, plant.A), zeros(0, 0, plant.A))
     primal = side(plant.A, plant.C, nothing, H.T @ H, border, plant.G)
-    dual = side(plant.A.T, B.T, nothing, plant.G @ plant.G.T, border, H.T)
-    return Projected(primal, dual)
+    return Projected(primal, side(plant.A.T, B.T, nothing, plant.G @ plant.G.T, border, H.T))
 
 
 def _guess(network: ExactNetwork, R: Float[np.ndarray, "n n"]) -> float:

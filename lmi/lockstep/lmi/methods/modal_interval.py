@@ -126,8 +126,7 @@ class CommonSearch:
         unit = float(np.linalg.norm(base, 2)) ** 2
         shapes = _Shapes(self, K, base, unit)
         blocks = [shapes.block(value) for value in self.ends]
-        k = shapes.unknowns
-        solved = minimise(np.eye(k)[-1], [*blocks, *shapes.signs])
+        solved = minimise(np.eye(shapes.unknowns)[-1], [*blocks, *shapes.signs])
         return None if solved is None or not solved.value > 0 else (shapes, solved, unit)
 
     def _slack(self, K: Gain, base: Float[np.ndarray, "k k"]) -> Valued:

@@ -135,8 +135,7 @@ class _Printed:
 
         A_r = np.kron(np.eye(self.N - 1), self.network.agent.lure.A)
         P_S = cp.kron(np.eye(self.N - 1), self.p_s)
-        Pi_D = self._Pi(self.k)
-        first = P_S @ A_r + Pi_D @ self.C_r
+        first = P_S @ A_r + self._Pi(self.k) @ self.C_r
         if not self.order:
             return first + first.T
         cross = self.C_r.T @ _diagonal(self.Z).T + self._Pi(self.f)
