@@ -140,8 +140,7 @@ class LinearPlant:
         n, m, q = len(self.A), np.shape(self.B)[-1], len(self.C)
         for letter, shape in {"A": (n, n), "B": (n, m), "C": (q, n)}.items():
             object.__setattr__(self, letter, matrix(getattr(self, letter), shape, f"plant, {letter}"))
-        x0 = matrix(np.reshape(self.x0, (1, -1)), (1, n), "plant, x0")[0]
-        object.__setattr__(self, "x0", x0)
+        object.__setattr__(self, "x0", matrix(np.reshape(self.x0, (1, -1)), (1, n), "plant, x0")[0])
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ def compare(found: Trace | NodeTrace, expected: Trace | NodeTrace) -> Difference
     earliest, first = len(differs), ""
     for part in fields(expected):
         ours, theirs = getattr(expected, part.name), getattr(found, part.name)
-        unequal = _bytes(ours) != _bytes(theirs)
-        rows = unequal.any(axis=1)
+        rows = (_bytes(ours) != _bytes(theirs)).any(axis=1)
         differs |= rows
         k = int(rows.argmax()) if rows.any() else earliest
         if k < earliest:

@@ -104,8 +104,7 @@ def _trace(rows: list[list[int]], agent: AgentEntry, manifest: Manifest) -> Trac
     """Put the numbers of all calls into arrays: reals from their bits."""
     table = np.array(rows, dtype=np.uint64)
     real, m, n, nn = manifest.real_type, len(agent.inputs), agent.order, len(agent.neighbours)
-    first_of_state = 1 + m + n
-    end = first_of_state + nn * len(agent.outputs)
+    end = 1 + m + n + nn * len(agent.outputs)
     counts = table[:, end + 1 :].reshape(len(rows), nn, 2) if nn else np.zeros((len(rows), 0, 2), np.uint64)
     bits = table[:, 1:end].astype(f"u{real.bytes}").view(real.dtype)
     parts = {

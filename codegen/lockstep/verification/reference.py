@@ -136,8 +136,7 @@ class Reference:
         with np.errstate(all="ignore"):
             for j, weight in enumerate(self.weights):
                 held = self.state.held[j] if self.state.heard[j] else y
-                difference = y - (neighbour_y[j] if arrived[j] else held)
-                r = r + weight * difference
+                r = r + weight * (y - (neighbour_y[j] if arrived[j] else held))
         return r
 
     def _advance(self, r: np.ndarray, inputs_are_finite: bool) -> int:

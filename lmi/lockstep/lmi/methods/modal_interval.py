@@ -198,8 +198,7 @@ class _Shapes:
 
     @property
     def sectors(self) -> int:
-        modes = self.search.modes
-        return len(modes.inequality(self.search.claim, self.search.ends[0]).channels[1].cone)
+        return len(self.search.modes.inequality(self.search.claim, self.search.ends[0]).channels[1].cone)
 
     @property
     def unknowns(self) -> int:

@@ -84,23 +84,28 @@ class _Response:
 
 
 def best_multiplier(
-    loop: SampledLoop, one: Lifted, m: PairWeights, *, enough: float = COMFORTABLE
+    loop: SampledLoop, one: Lifted, m: PairWeights, *, least: float = 0.0
 ) -> tuple[PairWeights, float]:
     """Return pair weights of sum 1 under which the gain is small, and that gain, from a first guess.
 
-    A first guess whose gain is below `enough` is taken as it is.
+    A first guess with a gain below `COMFORTABLE` is taken as it is. A gain below `least` is not lowered further.
     """
-    from scipy.optimize import minimize
+    from scipy.optimize import OptimizeResult, minimize
+
+    def end(intermediate_result: OptimizeResult) -> None:
+        if intermediate_result.fun < least:
+            raise StopIteration
 
     response = _Response(loop, one)
     m = _scaled(m)
     first = response.gain(m)
-    if first < enough or not response.stable or len(m) < 2:
+    if first < max(COMFORTABLE, least) or not response.stable or len(m) < 2:
         return m, first
     found = minimize(
         lambda logs: min(response.gain(_scaled(np.exp(np.clip(logs, -40, 0)))), 1e9),
         np.log(m),
         method="Nelder-Mead",
+        callback=end,
         options={"maxfev": EVALUATIONS, "adaptive": True, "xatol": 1e-3, "fatol": 1e-5},
     )
     best = _scaled(np.exp(np.clip(found.x, -40, 0)))

@@ -106,7 +106,7 @@ class _Edge:
             with np.errstate(all="ignore"):
                 if one is None:
                     return False
-                m, gain = best_multiplier(loop, one, first_guess(network.d, self.guess), enough=0.999)
+                m, gain = best_multiplier(loop, one, first_guess(network.d, self.guess), least=0.999)
         except (ProblemError, np.linalg.LinAlgError, ValueError):
             return False
         self.guess = m if gain < 1 else self.guess

@@ -54,8 +54,7 @@ def _search(problem: SlopeProblem, boxes: int) -> tuple[tuple[Entry, ...], int]:
     found, used = [], 0
     for k, l in places:
         tolerance = TOLERANCES.get(len(problem.jacobian[k][l].variables), LOOSEST)
-        limits = SearchBudget(tolerance, max(1, boxes // len(places)))
-        outcome = search_block(problem, ([k], [l]), limits)
+        outcome = search_block(problem, ([k], [l]), SearchBudget(tolerance, max(1, boxes // len(places))))
         decided = _decided(problem, ([k], [l]), outcome.upper, 4 * outcome.boxes + 10_000)
         if decided is None:
             return (), 0
