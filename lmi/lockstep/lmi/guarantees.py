@@ -16,6 +16,7 @@ from lockstep.check.continuous.modes import ModalCertificate, Modes
 from lockstep.check.continuous.stability import is_stable
 from lockstep.check.errors import NotCertified
 from lockstep.check.system.loop import Gains
+from lockstep.lmi.analysis.certificate_sdp import MOST_OF_GIVEN, eliminates_P
 from lockstep.lmi.analysis.margins import bisect
 from lockstep.lmi.analysis.rounding import may_be_proved, prove
 from lockstep.lmi.methods.modal import eigenvalues_of, least_witness, prove_modes
@@ -91,7 +92,8 @@ def fastest_decay(network: Network, gains: Gains, claim: Claim, *, modal: bool) 
     linear = -abscissa(network, gains, modal=modal)
     low = bisect(partial(holds, quick=True), 0.0, linear, HALVINGS)
     above = low + linear / 2**HALVINGS
-    if not modal and holds(above):  # where frequencies do not find what there is
+    one_way = modal or eliminates_P(network.loop(gains.order), MOST_OF_GIVEN)
+    if not one_way and above < linear and holds(above):  # where frequencies do not find what there is
         low = bisect(holds, above, linear, HALVINGS)
     # Where nothing holds for the solver, the proof, which tries more than one rho, is asked itself.
     for decay in (float(f"{part * (low or linear):.3g}") for part in KEPT):

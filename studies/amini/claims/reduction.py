@@ -127,8 +127,8 @@ def _rho_on_everything(K: Float[np.ndarray, "3 3 4"]) -> float:
     half = np.eye(len(keep), n_x) @ P @ form.Z[:, keep]
     side = np.eye(len(keep), n_x) @ P
     whole = cp.bmat([[F + half + half.T, side], [side.T, -r2 * np.eye(n_x)]])
-    solve_sdp(cp.Problem(cp.Minimize(r2), [P >> 0, m >= 0, (whole + whole.T) / 2 << 0]))
-    return float("nan") if r2.value is None else float(np.sqrt(r2.value))
+    solved = solve_sdp(cp.Problem(cp.Minimize(r2), [P >> 0, m >= 0, (whole + whole.T) / 2 << 0]))
+    return float(np.sqrt(r2.value)) if solved else float("nan")
 
 
 CLAIMS = (

@@ -177,8 +177,7 @@ class _Printed:
             float(np.linalg.norm(full - part)) / max(float(np.linalg.norm(full)), 1e-300)
             for part, full in kept
         )
-        loop = self.network.loop(self.order)
-        abscissa = float(np.linalg.eigvals(loop.A_cl(gains.blocks)).real.max())
+        abscissa = float(np.linalg.eigvals(self.network.loop(self.order).A_cl(gains.blocks)).real.max())
         alpha = tuple(float(np.sqrt(self.tau.value[4] / value)) for value in self.gamma.value)
         return Audit(objective, float(np.sqrt(max(self.r2.value, 0.0))), alpha, residual, abscissa, gains)
 

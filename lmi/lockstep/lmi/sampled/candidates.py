@@ -51,7 +51,7 @@ reaches, as in a mode that no input moves, has an X of zero and a P without end;
 
 FREE_RATES, FREE_RMS, FREE_CLAIMED = (0.1, 0.15, 0.225, 0.3, 0.4, 0.5), (0.75, 0.6, 0.5), 0.97
 """As `RATES`, each as long as it lowers what the noise can reach, `RMS`, of the best of them, and `CLAIMED`, where the pair
-weights are free: half of what the noise can reach, or less, comes out."""
+weights are free: half of what the noise can reach, or less, comes out. The bound of every instant goes first."""
 
 SOME_STATES, MOST_STATES, MOST_PAIRS = 18, 30, 15
 """Of a loop whose weights are freed for all rates and root mean squares, for one of each, and at all: a program takes a
@@ -131,10 +131,11 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
     best, reached = 0.0, np.inf
     for rate in () if is_large(loop) else rates:
         found = least(rate)
-        if found is None or found.kappa / (rate * spread) >= reached:
+        if best and (found is None or found.kappa / (rate * spread) >= reached):
             break
-        best, reached = rate, found.kappa / (rate * spread)
-        yield from islice(priced_for_rounding(loop, one, found, FREE_CLAIMED), 1)
+        if found is not None:
+            best, reached = rate, found.kappa / (rate * spread)
+            yield from islice(priced_for_rounding(loop, one, found, FREE_CLAIMED), 1)
     for part in parts if best else ():
         found = least(best, 1 / (part**2 * reached))
         if found is None:

@@ -88,7 +88,7 @@ def best_multiplier(
 ) -> tuple[PairWeights, float]:
     """Return pair weights of sum 1 under which the gain is small, and that gain, from a first guess.
 
-    A first guess with a gain below `COMFORTABLE` is taken as it is. A gain below `least` is not lowered further.
+    A first guess with a gain below `COMFORTABLE`, or `least`, is taken as it is; one below `least` is not lowered further.
     """
     from scipy.optimize import OptimizeResult, minimize
 
@@ -115,8 +115,7 @@ def best_multiplier(
 def _scaled(m: PairWeights) -> PairWeights:
     """Return weights of sum 1, none below 1e-9 of it: only their ratios count."""
     total = m.sum()
-    share = m / total if total > 0 else np.full(len(m), 1 / max(len(m), 1))
-    return np.asarray(np.maximum(share, 1e-9))
+    return np.asarray(np.maximum(m / total if total > 0 else np.full(len(m), 1 / max(len(m), 1)), 1e-9))
 
 
 def common_pair_weights(entries: Sequence[Entry], certificate: Certificate, sector: Sector) -> PairWeights:

@@ -70,7 +70,7 @@ RETRIES = 3
 """How often a stage is repeated with more frequencies where its gain turned out to lie between the chosen ones."""
 
 REGULAR = 1e-14
-"""What is added to a square, relative to the largest, so that it has a factor."""
+"""What is added to Y Y^H, relative to the largest it may be, so that it has a factor."""
 
 LARGEST = 60.0
 """Bound on the logarithm of a multiplier: beyond it doubles overflow where they are squared."""
@@ -277,17 +277,17 @@ class SmoothedNorm:
     def _gain(self, at: _At, D: Float[np.ndarray, "v v"], rho_0: float) -> Form:
         """Return Psi against diag(D, rho_0^2 I) at each frequency.
 
-        Where Psi = Y^H Y has fewer rows of Y than signals: with L L^H = Y Y^H its eigenvalues are those of L^H L, and 0, and
-        Q = Y^H L^-H makes Q L^H L Q^H of these, whatever the condition of L is.
+        Where this is Y^H Y with fewer rows than signals: with L L^H = Y Y^H its eigenvalues are those of L^H L, and 0, and
+        Q = Y^H L^-H makes Q L^H L Q^H of it, whatever the condition of L is.
         """
         K, W, X = at
         root = np.eye(X.shape[2]) / rho_0
         root[: self.n_v, : self.n_v] = np.linalg.inv(np.linalg.cholesky(D)).T
-        rows = _half(self.effort)
-        if len(W) + len(K) * len(rows) >= len(root):
+        rows, half = _half(self.effort), _half(W)
+        if not 0 < len(half) + len(K) * len(rows) < len(root):
             return root.T @ self._Psi(*at) @ root, np.broadcast_to(root, (len(X), *root.shape))
         pushed = [self._each(rows @ K, self.seen @ X + self.noise)] if len(rows) else []
-        Y = np.concatenate([_times(_half(W), X), *pushed], axis=1) @ root
+        Y = np.concatenate([_times(half, X), *pushed], axis=1) @ root
         room = REGULAR * np.abs(Y).max() ** 2 * Y.shape[2] * np.eye(Y.shape[1])
         L = np.linalg.cholesky(Y @ Y.conj().swapaxes(1, 2) + room)
         return L.conj().swapaxes(1, 2) @ L, root @ np.linalg.solve(L, Y).conj().swapaxes(1, 2)
@@ -315,10 +315,9 @@ def _times(
 
 
 def _half(form: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "r a"]:
-    """Return the rows of Y with Y' Y = form, positive semidefinite."""
+    """Return the rows of Y with Y' Y = form, positive semidefinite; none of a form that is not finite."""
     values, vectors = np.linalg.eigh(form)
-    kept = values > REGULAR * values.max(initial=0.0)
-    return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+    return np.asarray((vectors[:, values > 0] * np.sqrt(values[values > 0])).T)
 
 
 def norm_descent(norm: SmoothedNorm, K: GainBlocks) -> Descended:
