@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Shaped
 
-from lockstep.lmi.analysis.p_norm import are_inside, dominant, frequencies_of, gram, near_top, p_norm, thinned
+from lockstep.lmi.analysis.p_norm import are_stable, dominant, frequencies_of, gram, near_top, p_norm, thinned
 from lockstep.lmi.analysis.strict_feasibility import strictly_feasible_point
 
 MOST_ENTRIES, PAIR = 300, 4
@@ -66,7 +66,7 @@ def least_by_frequencies(
         near: multipliers to start from.
         any_rho: whether rho^2 may be as it comes.
     """
-    if not are_inside(np.linalg.eigvals(Z[:, : len(Z)])):
+    if not are_stable(np.linalg.eigvals(Z[:, : len(Z)])):
         return None
     response = Response.of(Z, constant, slopes)
     logs = np.zeros(len(slopes) - 1) if near is None else np.log(np.maximum(near[:-1], 1e-300))

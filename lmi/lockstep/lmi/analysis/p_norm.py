@@ -26,7 +26,7 @@ FEW_APART = 1.3
 """The factor between the frequencies that count wherever the top is."""
 
 
-def are_inside(poles: Complex[np.ndarray, " n"]) -> bool:
+def are_stable(poles: Complex[np.ndarray, " n"]) -> bool:
     """Tell whether poles are stable as far as doubles tell."""
     return bool(poles.real.max() < -MARGIN * np.abs(poles).max())
 

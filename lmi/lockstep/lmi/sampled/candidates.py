@@ -125,7 +125,7 @@ def _with_free_weights(loop: SampledLoop, one: Lifted, radius: float) -> Iterato
         program = step_program(loop, one, 1 - rate * spread, distance, noise=True, weight=weight)
         if program is None:
             return None
-        found = program.least(program.kappa, [program.V >> program.seen(distance)], weight)
+        found = program.least(program.kappa, [program.V >> program.in_units_of_V(distance)], weight)
         return found and found[1]
 
     best, reached = 0.0, np.inf

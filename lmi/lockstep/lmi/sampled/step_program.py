@@ -58,7 +58,7 @@ class StepProgram:
     conditions: list[Any]
     cross: Any = None
 
-    def seen(self, form: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    def in_units_of_V(self, form: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
         """Return L^-1 form L^-T: P >= form where V is above it. In units of the loop entries may be 1e6 apart."""
         inverse = np.linalg.inv(self.basis)
         return np.asarray(inverse @ form @ inverse.T)

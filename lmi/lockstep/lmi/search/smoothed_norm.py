@@ -33,7 +33,7 @@ from lockstep.check.system.loop import Loop
 from lockstep.lmi.analysis.certificate_sdp import AffineF, eliminates_P
 from lockstep.lmi.analysis.frequency_multipliers import Form
 from lockstep.lmi.analysis.gain_limit import limit_barrier
-from lockstep.lmi.analysis.p_norm import are_inside, dominant, frequencies_of, gram, p_norm, thinned
+from lockstep.lmi.analysis.p_norm import are_stable, dominant, frequencies_of, gram, p_norm, thinned
 from lockstep.lmi.analysis.response import Poles
 from lockstep.lmi.quasi_newton import descend
 from lockstep.lmi.shapes import GainBlocks, GainLimit, Multipliers, Vector
@@ -217,7 +217,7 @@ class SmoothedNorm:
     ) -> "_Response | None":
         """Return the response at the frequencies; None where the loop is not stable or there is no rho."""
         poles, modes = np.linalg.eig(self.loop.A_cl(K))
-        if not are_inside(poles):
+        if not are_stable(poles):
             return None
         resolvent = 1 / (1j * frequencies[:, None] - poles)
         W, D = self.weight + np.tensordot(w, self.W, 1), np.tensordot(w, self.D, 1)
@@ -328,7 +328,7 @@ def norm_descent(norm: SmoothedNorm, K: GainBlocks) -> Descended:
         K: gains inside the limit, with which the loop is stable.
     """
     x, gain = norm.pack(K, np.ones(len(norm.W))), 0.0
-    if not are_inside(np.linalg.eigvals(norm.loop.A_cl(K))):
+    if not are_stable(np.linalg.eigvals(norm.loop.A_cl(K))):
         return Descended(*norm.unpack(x), np.inf, np.inf)
     if norm.n_v:
         x, rho_0 = _generous(norm, x)
