@@ -29,10 +29,9 @@ MOVING = {
 
 
 @functools.cache
-def parts(field: str) -> tuple[Problem, lockstep.Design | None, dict[str, Any]]:
-    """Return a field's problem, its committed design if there is one, and what was measured of that."""
-    problem, measured = Problem.parse(init(field).text), known().get(field)
-    return problem, None if measured is None else lockstep.load(design_path(field)), measured or {}
+def parts(field: str) -> tuple[Problem, lockstep.Design, dict[str, Any]]:
+    """Return a field's problem, its committed design, and what was measured of that."""
+    return Problem.parse(init(field).text), lockstep.load(design_path(field)), known()[field]
 
 
 def index() -> str:
@@ -52,7 +51,7 @@ beside it. Parameters are those of the source that the file names, or of its ord
 
 </div>
 
-Each page with a rho shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of
+Each page shows a committed design, the run of its C's arithmetic, and what is proved of it. CI proves every one of
 them again, compiles its C, compares it with the reference, and runs it. [Notebooks](../notebooks/index.md) walk through five.
 
 ```{{toctree}}
@@ -103,7 +102,9 @@ States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.{""
 
 {graph.N} agents; an arrow goes from whom an agent listens to; {reach}.
 
-{_of_design(field, design, measured)}
+{_run(field, design, measured)}
+{_proved(design)}
+{_ships(design, measured)}
 ## Run it
 
 ```sh
@@ -120,14 +121,6 @@ lockstep build {field}.toml -o {field}
 {text.rstrip()}
 ```
 """
-
-
-def _of_design(field: str, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
-    if design is None:
-        given = parts(field)[0].design.method == "given"
-        searched = "a certificate of the gains in its file" if given else "one"
-        return f"No design of it is committed: `lockstep design` searches for {searched}. What it proves is not shown here.\n"
-    return "\n".join((_run(field, design, measured), _proved(design), _ships(design, measured)))
 
 
 def units_of(problem: Problem) -> dict[str, str]:
@@ -149,12 +142,12 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def _row(field: str, problem: Problem, design: lockstep.Design | None, measured: dict[str, Any]) -> str:
+def _row(field: str, problem: Problem, design: lockstep.Design, measured: dict[str, Any]) -> str:
     cells = (
         f"[{field}]({field}.md)",
-        "not shown here" if design is None else f"{design.rho:.4g}",
+        f"{design.rho:.4g}",
         f"{problem.controller.period:g}{_unit(problem, 's')}",
-        "-" if design is None else f"{measured['costs']['flash']}{SPACE}B",
+        f"{measured['costs']['flash']}{SPACE}B",
         problem.title,
         problem.graph().N,
         problem.agent().n,

@@ -1,5 +1,6 @@
 """Figures hold the data they are given, and arrows point the way messages go."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -115,6 +116,22 @@ def test_ticks_never_need_more_than_their_room(size, title, tick):
     ).axes[0]
     assert axes.get_title(loc="left") == title
     assert axes.yaxis.get_major_formatter()(-(1e6 if size > 1 else 1e-3)) == tick
+
+
+@pytest.mark.parametrize("draw", [states_figure, disagreement_figure])
+@pytest.mark.parametrize(
+    ("horizon", "label"),
+    [(3e-5, "t in 10⁻⁶ s"), (0.004, "t in 10⁻³ s"), (20.0, "t in s"), (86_400.0, "t in 10³ s")],
+)
+def test_ticks_of_time_do_not_run_into_each_other(draw, horizon, label):
+    short = run()
+    figure = draw(replace(short, t=short.t * horizon / 3))
+    figure.draw_without_rendering()
+    axes = figure.axes[-1]
+    assert axes.get_xlabel() == label
+    boxes = [tick.get_window_extent() for tick in axes.get_xticklabels() if tick.get_text()]
+    assert len(boxes) > 3
+    assert all(one.x1 + 2 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_agreement_from_the_start_is_drawn_without_a_logarithm_of_zero():

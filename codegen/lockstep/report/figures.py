@@ -19,6 +19,7 @@ from lockstep.report.style import LIGHT, WIDTH, line, styled
 if TYPE_CHECKING:
     import networkx as nx
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from lockstep.model.simulation.results.trajectory import Trajectory
@@ -119,7 +120,7 @@ def disagreement_figure(run: "Trajectory", units: Mapping[str, str] | None = Non
         largest = distances.max(axis=0)
         axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-9 * largest[largest > 0].min()))
     axes.set_title("distance from agreement")
-    axes.set_xlabel("t in s")
+    axes.set_xlabel(_named(axes.xaxis, run.t, "t", {"t": "s"}))
     axes.margins(x=0)
     legend(figure, axes, LEGEND_COLUMNS)
     return figure
@@ -188,8 +189,8 @@ def _stack(
             t, values = thinned(run.t, signal[:, i])
             axes.plot(t, values, label=f"{run.agent}{i + 1}" * named, drawstyle=drawstyle, **look)
         axes.margins(x=0)
-        _entitle(axes, signal, name, units)
-    stack[-1].set_xlabel("t in s")
+        axes.set_title(_named(axes.yaxis, signal, name, units))
+    stack[-1].set_xlabel(_named(stack[-1].xaxis, run.t, "t", {"t": "s"}))
     if named:
         legend(figure, stack[0], LEGEND_COLUMNS)
     return figure
@@ -199,19 +200,16 @@ def _rows(trajectory: "Trajectory") -> int:
     return rows_of(trajectory.N, LEGEND_COLUMNS) if trajectory.N <= MOST_NAMED else 0
 
 
-def _entitle(
-    axes: "Axes", signals: Float[np.ndarray, "K N"], name: str, units: Mapping[str, str] | None
-) -> None:
-    """Name a panel, with a power of a thousand where ticks would be too wide for their room."""
+def _named(axis: "Axis", values: Float[np.ndarray, "..."], name: str, units: Mapping[str, str] | None) -> str:
+    """Return what an axis is, with a power of a thousand where ticks would be too wide for their room."""
     from matplotlib.ticker import FuncFormatter
 
-    most, unit = float(np.abs(signals).max()), (units or {}).get(name, "")
-    if np.ptp(signals) > 0.01 * most and not 0.01 <= most < 1e4:
+    most, unit = float(np.abs(values).max()), (units or {}).get(name, "")
+    if np.ptp(values) > 0.01 * most and not 0.01 <= most < 1e4:
         scale = 1000.0 ** math.floor(math.log10(most) / 3)
-        shown = FuncFormatter(lambda value, _: f"{value / scale:.4g}".replace("-", "−"))
-        axes.yaxis.set_major_formatter(shown)
+        axis.set_major_formatter(FuncFormatter(lambda at, _: f"{at / scale:.4g}".replace("-", "−")))
         unit = f"{power_of_ten(scale)} {unit}"
-    axes.set_title(_with_unit(name, {name: unit.strip()}))
+    return _with_unit(name, {name: unit.strip()})
 
 
 def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
