@@ -1,8 +1,7 @@
 """How long a search is likely to take, as a range, from its sizes and from how fast this machine is right now.
 
-What a search does most is evaluate the response of the loop and factor Newton's matrix; both are timed here for the sizes
-at hand, for some hundredths of a second. How often they are needed differs from problem to problem: the range is what it was
-on problems of many fields, and no more than that.
+What a search does most is evaluate the response of the loop; that is timed here for some hundredths of a second. How often
+it is needed differs from problem to problem: the range is what it was on problems of many fields, and no more than that.
 """
 
 import os
@@ -14,18 +13,17 @@ import numpy as np
 from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.search.random_start import GainSearch
 
-FEWEST, MOST = 4e4, 2e5
-"""Times an eigenvalue problem of the loop and a Newton step for each start that is pursued: from 4.8e4 to 1.8e5 were
-measured, in seconds of processor with two starts, on eleven problems of 4 to 14 states in the loop."""
+FEWEST, MOST = 2000, 15_000
+"""Times a response of the loop at `RESPONSES` frequencies for each start that is pursued: from 2 150 to 13 200 were measured,
+in seconds of processor with four starts, on 18 problems with 6 to 17 states in the loop and 5 to 36 signals."""
 
-FEWEST_RESPONSES, MOST_RESPONSES = 600, 6000
-"""Times a response of a large loop at `RESPONSES` frequencies for each start that is pursued: from 900 to 4 000 were measured
-on three problems of 10 and 20 agents."""
+FEWEST_OF_LARGE, MOST_OF_LARGE = 600, 6000
+"""The same where P is eliminated: from 900 to 4 000 were measured on three problems of 10 and 20 agents."""
 
 RESPONSES = 60
 
 TRIAL = 0.02
-"""Seconds for which each operation is timed."""
+"""Seconds for which it is timed."""
 
 
 def estimated_time(search: GainSearch, starts: int, jobs: int | None = None) -> str:
@@ -42,21 +40,12 @@ def estimated_time(search: GainSearch, starts: int, jobs: int | None = None) -> 
 
 def range_of_seconds(search: GainSearch, starts: int, jobs: int | None = None) -> tuple[float, float]:
     """Return the range in seconds."""
-    n = search.loop.n_x
     rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
-    if eliminates_P(search.loop):
-        K, w, frequencies = (
-            np.zeros(search.norm.shape),
-            np.ones(len(search.norm.W)),
-            np.geomspace(0.1, 10, RESPONSES),
-        )
-        unit = mean_seconds(lambda: search.norm.worst(K, w, frequencies))
-        return FEWEST_RESPONSES * unit * rounds, MOST_RESPONSES * unit * rounds
-    unknowns = n * (n + 1) // 2 + int(np.prod(search.norm.shape))
-    rng = np.random.default_rng(0)
-    A, S = rng.standard_normal((n, n)), np.eye(unknowns) + 0.01
-    unit = mean_seconds(lambda: np.linalg.eigvals(A)) + mean_seconds(lambda: np.linalg.solve(S, S[0]))
-    return FEWEST * unit * rounds, MOST * unit * rounds
+    K, w = np.zeros(search.norm.shape), np.ones(len(search.norm.W))
+    frequencies = np.geomspace(0.1, 10, RESPONSES)
+    unit = mean_seconds(lambda: search.norm.worst(K, w, frequencies))
+    fewest, most = (FEWEST_OF_LARGE, MOST_OF_LARGE) if eliminates_P(search.loop) else (FEWEST, MOST)
+    return fewest * unit * rounds, most * unit * rounds
 
 
 def mean_seconds(work: Callable[[], object]) -> float:
