@@ -85,8 +85,8 @@ HANGS = 600
 """Seconds after which a command is held to hang, on any machine."""
 
 
-def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]:
-    """Run a command in a group of its own, and interrupt the whole group, as a terminal does, once it is ready.
+def interrupted(words: list[str], ready, times: int = 1, by=signal.SIGINT) -> tuple[int, str, str]:
+    """Run a command in a group of its own, and interrupt the whole group, as a terminal and `timeout` do, once it is ready.
 
     A second interrupt follows as soon as the command says that it ends its search: after a fixed time a fast machine has
     written its design.
@@ -103,7 +103,7 @@ def interrupted(words: list[str], ready, times: int = 1) -> tuple[int, str, str]
             until = time.monotonic() + HANGS
             while not ready(started.pid) and time.monotonic() < until:
                 time.sleep(0.02)
-            os.killpg(started.pid, signal.SIGINT)
+            os.killpg(started.pid, by)
             for _ in range(times - 1):
                 # Only one that did not end by the first: it is searching.
                 while started.poll() is None and ENDING not in said() and time.monotonic() < until:
@@ -180,13 +180,15 @@ def test_an_interrupted_design_is_answered_by_one_process_only(ready, examples, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [8.0, 60.0])
-def test_one_interrupt_of_a_design_keeps_the_best_so_far_or_nothing(seconds, examples, tmp_path):
+@pytest.mark.parametrize(
+    ("seconds", "jobs", "by"), [(8.0, 1, signal.SIGINT), (60.0, 1, signal.SIGINT), (20.0, 2, signal.SIGTERM)]
+)
+def test_one_interrupt_of_a_design_keeps_the_best_so_far_or_nothing(seconds, jobs, by, examples, tmp_path):
     problem = tmp_path / "arms.toml"
     text = (examples / "flexible_joint_arms.toml").read_text(encoding="utf-8")
     problem.write_text(text.replace("[design]\n", "[design]\nstarts = 10000\n"), encoding="utf-8")
-    words = ["design", str(problem), "-o", str(tmp_path / "d.json"), "--jobs", "1", "--json"]
-    code, out, _ = interrupted(words, after(seconds))
+    words = ["design", str(problem), "-o", str(tmp_path / "d.json"), "--jobs", str(jobs), "--json"]
+    code, out, _ = interrupted(words, after(seconds), by=by)
     answer = only_object(out)
     if code == 130:  # on a slow machine no start has gains by then
         assert answer["error"]["kind"] == "interrupted"

@@ -1,9 +1,10 @@
 """Processes to search with that leave an interrupt to the process that started them.
 
-Ctrl-C in a terminal goes to all of them at once. One that is just importing would answer it with a traceback of its own,
-although whoever asked for it ends it anyway. A child keeps the mask of signals of the thread that starts it, so it is
-started while the signal is blocked there. Another thread may still take it, and an exception in the middle of the start
-would leave a child without its orders: so it is put off until they are started, and none is lost.
+Ctrl-C in a terminal goes to all of them at once, and so does the SIGTERM of `timeout` and of cluster schedulers. One that
+is just importing would answer Ctrl-C with a traceback of its own, although whoever asked for it ends it anyway; SIGTERM would
+end it, and what was found with it. A child keeps the mask of signals of the thread that starts it, so it is started while
+they are blocked there. Another thread may still take an interrupt, and an exception in the middle of the start would leave a
+child without its orders: so it is put off until they are started, and none is lost.
 """
 
 import signal
@@ -12,12 +13,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
-SHIELDED = frozenset({signal.SIGINT})
+SHIELDED = frozenset({signal.SIGINT, signal.SIGTERM})
 
 
 @contextmanager
 def started_without_interrupts() -> Iterator[None]:
-    """Start processes in the body that are never interrupted from the keyboard.
+    """Start processes in the body that are never interrupted from the keyboard, nor by SIGTERM.
 
     >>> with started_without_interrupts():
     ...     signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, set())
