@@ -40,8 +40,8 @@ TERMS = [
 ]  # fmt: skip
 ON_A_BOX = ["({0})**2", "({0})**3", "{0}*{1}", "exp({0})", "sin({0})*{1}", "sqrt(2 + {0})"]
 NAMES = ["x", "v_1", "theta", "omega_dot", "E1", "int_", "q", "I", "phi", "Re"]
-HALVINGS = 8
-"""Of a horizon, at most."""
+HALVINGS = 12
+"""Of a horizon, at most: to 24 of `MOST_STEPS`, through which a leader that is unstable alone stays in the range of a run."""
 
 MOST_STEPS = 100_000
 """Of a run: a slow plant drawn with a fast one's period takes millions, an hour of them."""
