@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict
 
 COVERS = {
-    "global": "the continuous controllers, for every disturbance and every initial state",
+    "global": "the continuous controllers, for every disturbance and initial state",
     "local": "the continuous controllers, while every agent stays in its domain",
 }
 
@@ -36,7 +36,8 @@ def _table(found: "DesignVerdict") -> RenderableType:
         rows["rho"] = f"{found.design.rho:.6g}"
     rows["alpha"] = found.design.alpha_text
     rows |= proved_besides(found.design.document(), verdict.proves)
-    rows["covers"] = COVERS.get(verdict.scope or "", "nothing")
+    within = ", while no input is clipped" * found.design.problem.has_limits
+    rows["covers"] = COVERS[verdict.scope] + within if verdict.scope else "nothing"
     if "initial_set" in found.answer:
         rows["initial states"] = found.answer["initial_set"]["text"]
     of_c = "differences" in found.answer

@@ -23,6 +23,7 @@ from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
+from lockstep.model.checks.plausibility import unstable_alone
 
 NAMED = "_controllers"
 """What the name of a folder ends with, which is that of its umbrella header: `lockstep-check` reads no other."""
@@ -36,6 +37,7 @@ CONTINUOUS_ONLY = (
 
 RHO = "rho: the L2 gain from the disturbances to what is weighed, from agreement at rest"
 WHERE = "not proved; in consensus all agents move as one of them does with u = 0"
+ALONE = "; alone that is unstable (computed): nothing here holds what all agents do together"
 MOVED = "; until then a load on one moves all: gains that differ leave a sum of inputs"
 EQUAL = ' (method = "modal" has equal ones)'
 """Of undirected graphs."""
@@ -216,16 +218,17 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
     rate = sampled_rate(stored.problem.controller.period, *decays)
     continuous = "rho, delta and decay" if delta else "rho and decay"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
+    alone, equal = ALONE * any(unstable_alone(stored.problem)), EQUAL * stored.problem.graph().is_undirected
     if scope == "local":
         lines["assumes" if covered else "covers"] += f"; {_domain(stored)}"
     return {
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "where": WHERE + (MOVED + EQUAL * stored.problem.graph().is_undirected if moves_all(stored) else ""),
+        "where": WHERE + alone + (MOVED + equal if moves_all(stored) else ""),
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
-        **({"disturbances": said} if (said := _counted(stored)) else {}),
+        "disturbances": _counted(stored),
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
@@ -233,9 +236,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **delta,
         "decay": claims.decay
         and f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",
-        **(
-            {"decay_sampled": f"{rate:g} 1/s, of these controllers, but for rounded messages"} if rate else {}
-        ),
+        "decay_sampled": f"{rate:g} 1/s, of these controllers, but for rounded messages" if rate else None,
         **({continuous: f"of the continuous controllers (proof: exact); {RHO}"} if covered else {}),
         **_limits(stored),
         **said_of_messages(stored),
@@ -267,8 +268,9 @@ def _limits(stored: Stored) -> dict[str, str | None]:
     if claims.radius is not None:
         found["limits"] = f"{sides} for ever {start(claims.radius, claims.half_axes)}, {rest}"
     if claims.limits_gain is not None:
-        counted = " as it is counted (`disturbances`)" if _counted(stored) else ""
-        pushed = f"under a disturbance of at most {claims.limits_gain:g} in L2{counted}"
+        pushed = (
+            f"under a disturbance of at most {claims.limits_gain:g} in L2 as it is counted (`disturbances`)"
+        )
         found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}, all else exact{timely}"
     if claims.clipped_radius is not None:
         reach = start(claims.clipped_radius, claims.clipped_half_axes)
@@ -277,19 +279,17 @@ def _limits(stored: Stored) -> dict[str, str | None]:
 
 
 def _counted(stored: Stored) -> str:
-    """Say in which scales and coordinates rho and the others count disturbances; nothing where they are plain."""
-    problem, said = stored.problem, []
-    scales, noise, agent = problem.performance.states, problem.performance.outputs, problem.agent()
-    if (scales != 1).any():
-        none = " (0: not at all)" if (scales == 0).any() else ""
-        said.append(
-            f"each state's counted in its scale, in its unit per second: {_each(agent.states, scales)}{none}"
-        )
+    """Say in which scales and coordinates rho and the others count disturbances."""
+    agent, coordinates = stored.problem.agent(), stored.problem.design.coordinates
+    scales, noise = stored.problem.performance.states, stored.problem.performance.outputs
+    each = _each(agent.states, scales if len(scales) else np.ones(agent.n)) + " (0: not at all)" * (
+        0 in scales
+    )
+    said = [f"each state's counted in its scale, in its unit per second: {each}"]
     if noise.any():
         said.append(f"noise on each output in its scale, in its unit: {_each(agent.outputs, noise)}")
-    if problem.design.coordinates != "orthonormal":
-        said.append("as differences by the rows of L")
-    return "; ".join(said)
+    whose = "the mean of all agents" if coordinates == "orthonormal" else "each other, by the rows of L"
+    return "; ".join((*said, f"as differences from {whose}"))
 
 
 def _weighed(stored: Stored) -> str:

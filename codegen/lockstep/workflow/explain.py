@@ -125,8 +125,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         f"{claims.alpha:.9g}",
         "The agents are linear: no bound is needed."
         if linear
-        else "The largest slope of the nonlinearity that is counted on, proved for its formula: every other nonlinearity with"
-        " no larger slopes is covered too.",
+        else "The largest slope of the nonlinearity that is counted on, less what of it is in the linear part, proved for its"
+        " formula: every other nonlinearity with no larger slopes beside that linear part is covered too.",
     )
     if claims.floor is not None and found.verdict.proves("floor"):
         ratio = 1.0 if rho is None else float(f"{rho / claims.floor:.3g}")
@@ -134,7 +134,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "lower bound of rho",
             f"{claims.floor:.6g}",
-            f"With these weights no controllers, of any order and however connected, can be certified below it{more}.",
+            "With these weights no controllers, of any order and however connected, can be certified below it in this form"
+            f" of certificate{more}.",
         )
     if claims.decay is not None and found.verdict.proves("decay"):
         half = math.log(2) / claims.decay
@@ -146,7 +147,8 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
-        said = "Without messages each goes on with the rows it heard last (a node: the differences) and its own outputs."
+        said = "Each by itself. Without messages it goes on with the rows it heard last (a node: the differences) and its own"
+        said += " outputs: nothing is proved of an agent so."
         yield Statement("controllers in open loop", "stable", said)
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:
@@ -238,8 +240,9 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "ultimate bound",
             f"{above(residual, 2)} e",
-            "Errors e of messages and readings keep the agents apart by at most this, in root mean square: a bound that is"
-            f" not tight.{_mixed(found.design.problem, 'it says something where states are of size one')}",
+            "Errors of messages and readings, e the largest of an entry, keep the agents apart by at most this at the"
+            " sampling instants, in root mean square: a bound that is not tight."
+            f"{_mixed(found.design.problem, 'it says something where states are of size one')}",
         )
     radius = sampled.get("radius")
     if radius is not None:
@@ -250,8 +253,8 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "no saturation",
             f"{radius:.4g}",
-            f"From a disagreement of at most this ({_units(found.design)}){axes}, controllers at rest, nothing disturbing"
-            f" and every message in time{inside}, no actuator ever meets its limit: {limits}.",
+            f"From a disagreement of at most this ({_units(found.design)}){axes}, controllers at rest, nothing disturbing,"
+            f" readings exact and every message in time{inside}, no actuator ever meets its limit: {limits}.",
         )
 
 
@@ -310,7 +313,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement(
             "actuators",
             "unclipped",
-            f"The plant does what u says{clipped}, and no step overflows (Frama-C proves that).",
+            f"The plant does what u says{clipped}, and no step overflows (`proof/` has Frama-C prove that up to 1e6).",
         )
 
 

@@ -28,7 +28,9 @@
  *   distance, disagreement: the root of the sum over agents and states of (x - mean)^2, in the units of the
  *     states
  *   scope: global
- *   disturbances: noise on each output in its scale, in its unit: y1 0.003, y2 0.03
+ *   disturbances: each state's counted in its scale, in its unit per second: theta_m 1, omega_m 1, theta_l
+ *     1, omega_l 1; noise on each output in its scale, in its unit: y1 0.003, y2 0.03; as differences from
+ *     the mean of all agents
  *   weighed: squares by these weights: each state 1, u 0.002, each state of a controller 1
  *   rho: 4.648
  *   rho_sampled: 4.713

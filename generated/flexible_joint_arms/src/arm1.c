@@ -190,7 +190,7 @@ LOCKSTEP_ONE_COPY arm1_status_t arm1_step_relative(arm1_state_t *state, const fl
     return status;
 }
 
-/* The rows that are there and finite. One that is not finite counts as missing: a broken sensor stops its agent, not the listeners. */
+/* The rows that are there and finite. One that is not finite counts as missing: a sensor that reads NaN stops its agent, not the listeners. */
 static arm1_mask_t arm1_usable(const float neighbour_y[2], arm1_mask_t received)
 {
     arm1_mask_t usable = 0u;

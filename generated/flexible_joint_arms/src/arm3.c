@@ -190,7 +190,7 @@ LOCKSTEP_ONE_COPY arm3_status_t arm3_step_relative(arm3_state_t *state, const fl
     return status;
 }
 
-/* The rows that are there and finite. One that is not finite counts as missing: a broken sensor stops its agent, not the listeners. */
+/* The rows that are there and finite. One that is not finite counts as missing: a sensor that reads NaN stops its agent, not the listeners. */
 static arm3_mask_t arm3_usable(const float neighbour_y[2], arm3_mask_t received)
 {
     arm3_mask_t usable = 0u;

@@ -8,7 +8,7 @@ import pytest
 
 import lockstep
 from lockstep.check.system.loop import Gains
-from lockstep.codegen.from_design import EQUAL, MOVED, WHERE, specification
+from lockstep.codegen.from_design import ALONE, EQUAL, MOVED, WHERE, specification
 from lockstep.model.simulation import Scenario, simulate
 from lockstep.verification.closed_loop.measured_gain import network_of_design
 from lockstep.workflow.design_file import load
@@ -50,6 +50,13 @@ def test_a_leader_is_moved_by_none(root):
     stored = load(root / "docs" / "gallery" / "designs" / "carts.json").stored
     assert len(stored.problem.graph().roots) == 1
     assert specification(stored).certificate["where"] == WHERE
+
+
+def test_agents_that_run_away_together_are_said_to():
+    """Cylinders with a wrong sign came to agree, and blew up: neither README nor headers said a word of it."""
+    text = OWN.format(topology="ring").replace("u - x", "u + x/10")
+    said = specification(lockstep.design(lockstep.Problem.parse(text)).stored).certificate
+    assert said["where"].startswith(WHERE + ALONE)
 
 
 @pytest.mark.slow

@@ -38,17 +38,20 @@ def claimed(design: lockstep.Design) -> dict[str, str]:
     return {key: str(value) for key, value in specification(design.stored).certificate.items()}
 
 
-def test_of_plain_disturbances_nothing_is_said():
+def test_of_plain_disturbances_it_is_said_that_they_are():
+    """A header that named the noise of outputs alone had its rho read as the gain from noise."""
     found = claimed(designed())
-    assert "disturbances" not in found
-    assert "`disturbances`" not in found["limits_gain"]
+    assert found["disturbances"] == (
+        "each state's counted in its scale, in its unit per second: x 1; as differences from the mean of all agents"
+    )
+    assert "as it is counted (`disturbances`)" in found["limits_gain"]
 
 
 @pytest.mark.parametrize(
     ("design", "said"),
     [
         ("disturbances = { states = { x = 0.02 }, outputs = { y = 0.001 } }", "its unit per second: x 0.02"),
-        ('coordinates = "laplacian_rows"', "as differences by the rows of L"),
+        ('coordinates = "laplacian_rows"', "as differences from each other, by the rows of L"),
     ],
 )
 def test_the_scales_and_coordinates_of_disturbances_are_told(design, said):
@@ -76,7 +79,7 @@ def test_what_rho_weighs_and_the_noise_it_counts_are_told(weights, said):
         designed(design=f"weights = {weights}\ndisturbances = {{ states = 1.0, outputs = {{ y = 0.001 }} }}")
     )
     assert "noise on each output in its scale, in its unit: y 0.001" in found["disturbances"]
-    assert "its unit per second" not in found["disturbances"], "the states' are plain"
+    assert "its unit per second: x 1;" in found["disturbances"]
     assert found.get("weighed") == (None if said is None else f"squares by these weights: {said}")
 
 

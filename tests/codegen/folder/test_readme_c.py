@@ -37,6 +37,9 @@ int main(void)
     }
     if (!start(FIRST)) return 5;
     for (k = 0; k < 50; k++) {
+        if (!tick(y, rows, 0u, u)) return 7; /* nobody was heard yet */
+    }
+    for (k = 0; k < 50; k++) {
         if (!tick(y, rows, (k < 10) ? 1u : 0u, u)) break;
     }
     return (k == LAST) ? 0 : 6;
@@ -44,7 +47,7 @@ int main(void)
 """
 
 
-IMAGE = {"START": "uint32_t number", "FIRST": "0u", "HEARD": "heard.count = 1u; heard.weight[0] = 1.0f;"}
+IMAGE = {"START": "uint32_t number", "FIRST": "0u", "HEARD": "list.count = 1u; list.weight[0] = 1.0f;"}
 NO_IMAGE = {"START": "void", "FIRST": "", "HEARD": ""}
 
 
@@ -68,11 +71,21 @@ def run(folder, place, who, shape, last, more=NO_IMAGE):
 
 @pytest.mark.parametrize("one_image", [False, True])
 def test_a_stopped_plant_stays_stopped(tmp_path, one_image):
-    """Also by old messages: more than 20 periods, three times."""
+    """Also by old messages: more than 20 periods, three times; not by neighbours that have not started."""
     made = tmp_path / "made"
     lockstep.generate(GENERATED / "design.json", made, one_image=one_image)
     more = ("arm_node", (2, 1), 32, IMAGE) if one_image else ("arm1", (2, 1), 32)
     assert run(made, tmp_path, *more) == 0
+    # What is stated of RAM is what a node, or a controller, takes.
+    source, who = tmp_path / "size.c", more[0]
+    source.write_text(
+        f'#include "{who}.h"\n#include <stdio.h>\nint main(void) {{ printf("%zu", sizeof({who}_state_t)); return 0; }}\n'
+    )
+    command = [*host_compilers()[0].command, f"-I{made / 'include'}", str(source), "-o", "size"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    size = subprocess.run([tmp_path / "size"], capture_output=True, text=True, check=True).stdout
+    row = next(line for line in (made / "README.md").read_text().splitlines() if line.startswith("| `arm1`"))
+    assert row.endswith(f"| {size} bytes |")
 
 
 def test_a_leader_hears_nobody(tmp_path):

@@ -188,7 +188,7 @@ def test_a_local_certificate_is_called_local_wherever_a_reader_looks(tmp_path: P
         assert json.loads(path.read_text(encoding="utf-8"))["claims"]["scope"] == told["scope"] == scope
         words = " ".join(printed.split())
         assert ("while every agent stays in its domain" in words) is (scope == "local")
-        assert ("for every disturbance and every initial state" in words) is (scope == "global")
+        assert ("for every disturbance and initial state" in words) is (scope == "global")
 
 
 @pytest.mark.slow

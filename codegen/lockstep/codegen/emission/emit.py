@@ -61,6 +61,7 @@ def emit(spec: CodegenSpec) -> dict[str, str]:
         for path, template in (("include/{}.h", "node.h"), ("src/{}.c", "node.c")):
             files[path.format(spec.image.name)] = render(f"{template}.j2", **context, k=node)
         files |= table_files(spec.image, real, lambda name, view: render(name, **context, k=view))
+        views = [view | {"state_bytes": node["state_bytes"]} for view in views]  # what a node holds
     whole = {
         f"include/{spec.name}.h": "umbrella.h",
         f"src/{spec.name}.c": "umbrella.c",
