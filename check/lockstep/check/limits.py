@@ -66,4 +66,4 @@ def _decided(said: str, prove: Callable[..., bool] | None, claimed: Sequence[Rad
 
 def _starts(radii: Sequence[Radius], states: Sequence[str]) -> str:
     sets = (f"|x_d(0)| <= {one:g}" if isinstance(one, float) else axes_text(one, states) for one in radii)
-    return f"from {', or '.join(sets)}, controllers at rest"
+    return f"from {', or '.join(sets)}, controllers at rest, undisturbed, readings exact"
