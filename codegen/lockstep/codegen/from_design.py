@@ -218,14 +218,14 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
     rate = sampled_rate(stored.problem.controller.period, *decays)
     continuous = "rho, delta and decay" if delta else "rho and decay"
     lines = signed_lines(stored) if covered else {"covers": CONTINUOUS_ONLY}
-    alone, equal = ALONE * any(unstable_alone(stored.problem)), EQUAL * stored.problem.graph().is_undirected
+    where = WHERE + ALONE * any(unstable_alone(stored.problem))
     if scope == "local":
         lines["assumes" if covered else "covers"] += f"; {_domain(stored)}"
     return {
         "certified": True,
         "proof": "ball" if covered else "exact",
         **lines,
-        "where": WHERE + alone + (MOVED + equal if moves_all(stored) else ""),
+        "where": where + (MOVED + EQUAL * stored.problem.graph().is_undirected if moves_all(stored) else ""),
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
         "disturbances": _counted(stored),
@@ -269,7 +269,7 @@ def _limits(stored: Stored) -> dict[str, str | None]:
         found["limits"] = f"{sides} for ever {start(claims.radius, claims.half_axes)}, {rest}"
     if claims.limits_gain is not None:
         pushed = (
-            f"under a disturbance of at most {claims.limits_gain:g} in L2 as it is counted (`disturbances`)"
+            f"under a disturbance of at most {claims.limits_gain:g} in L2, counted as `disturbances` says"
         )
         found["limits_gain"] = f"{sides} for ever from agreement at rest, {pushed}, all else exact{timely}"
     if claims.clipped_radius is not None:
@@ -280,16 +280,15 @@ def _limits(stored: Stored) -> dict[str, str | None]:
 
 def _counted(stored: Stored) -> str:
     """Say in which scales and coordinates rho and the others count disturbances."""
-    agent, coordinates = stored.problem.agent(), stored.problem.design.coordinates
-    scales, noise = stored.problem.performance.states, stored.problem.performance.outputs
-    each = _each(agent.states, scales if len(scales) else np.ones(agent.n)) + " (0: not at all)" * (
-        0 in scales
-    )
-    said = [f"each state's counted in its scale, in its unit per second: {each}"]
+    agent, performance = stored.problem.agent(), stored.problem.performance
+    scales, noise = performance.states if len(performance.states) else np.ones(agent.n), performance.outputs
+    none = " (0: not at all)" * (0 in scales)
+    said = [f"each state's counted in its scale, in its unit per second: {_each(agent.states, scales)}{none}"]
     if noise.any():
         said.append(f"noise on each output in its scale, in its unit: {_each(agent.outputs, noise)}")
-    whose = "the mean of all agents" if coordinates == "orthonormal" else "each other, by the rows of L"
-    return "; ".join((*said, f"as differences from {whose}"))
+    mean = stored.problem.design.coordinates == "orthonormal"
+    said.append(f"as differences from {'the mean of all agents' if mean else 'each other, by the rows of L'}")
+    return "; ".join(said)
 
 
 def _weighed(stored: Stored) -> str:

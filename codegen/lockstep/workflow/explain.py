@@ -147,9 +147,12 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
             " may oscillate; with the continuous controllers.",
         )
     if claims.controllers_stable and found.verdict.proves("controllers_stable"):
-        said = "Each by itself. Without messages it goes on with the rows it heard last (a node: the differences) and its own"
-        said += " outputs: nothing is proved of an agent so."
-        yield Statement("controllers in open loop", "stable", said)
+        yield Statement(
+            "controllers in open loop",
+            "stable",
+            "Each by itself. Without messages it goes on with the rows it heard last (a node: the differences) and its own"
+            " outputs: nothing is proved of an agent so.",
+        )
     delta = {letter: value for letter, value in claims.fragility.items() if value}
     if delta:
         shown = ", ".join(f"{letter} {value:g}" for letter, value in delta.items())

@@ -41,8 +41,8 @@
  *     what is weighed, from agreement at rest
  *   limits: |u| < 10 V for ever from a disagreement of at most 1.648, controllers at rest, no disturbance,
  *     readings and messages exact
- *   limits_gain: |u| < 10 V for ever from agreement at rest, under a disturbance of at most 4.958 in L2 as
- *     it is counted (`disturbances`), all else exact
+ *   limits_gain: |u| < 10 V for ever from agreement at rest, under a disturbance of at most 4.958 in L2,
+ *     counted as `disturbances` says, all else exact
  *   clipped: from a disagreement of at most 5.969 all come to agree with u clipped, controllers at rest, no
  *     disturbance, readings and messages exact
  *   controllers: each is stable by itself, which is proved; largest |eigenvalue| per step, by agent: 0.989,

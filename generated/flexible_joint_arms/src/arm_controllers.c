@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "697d47b21c017ce5f4069ff7492dab1e0201f6e2a6fdad21fe0f32754d342db9",
+     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "697d47b21c017ce5f4069ff7492dab1e0201f6e2a6fdad21fe0f32754d342db9",
+     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "697d47b21c017ce5f4069ff7492dab1e0201f6e2a6fdad21fe0f32754d342db9",
+     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

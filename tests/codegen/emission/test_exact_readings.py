@@ -12,7 +12,7 @@ def test_limits_are_claimed_of_exact_readings_and_not_of_rounded_ones(generated)
     for claim in ("limits: |u| < 10 V for ever from", "clipped: from a disagreement of at most"):
         rest = said.split(claim)[1]
         assert "controllers at rest, no disturbance, readings and messages exact" in rest[:140]
-    assert "as it is counted (`disturbances`), all else exact" in said
+    assert "counted as `disturbances` says, all else exact" in said
     controller = references(load_manifest(generated))["arm1"]
     y, other = np.float32(1e8 + 4.1), np.float32(1e8 + 3.9)
     assert abs(y - other) == 8, "the readings of 0.2"

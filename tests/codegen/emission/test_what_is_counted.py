@@ -44,7 +44,7 @@ def test_of_plain_disturbances_it_is_said_that_they_are():
     assert found["disturbances"] == (
         "each state's counted in its scale, in its unit per second: x 1; as differences from the mean of all agents"
     )
-    assert "as it is counted (`disturbances`)" in found["limits_gain"]
+    assert "in L2, counted as `disturbances` says" in found["limits_gain"]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_scales_and_coordinates_of_disturbances_are_told(design, said):
     made = designed(design=design)
     found = claimed(made)
     assert said in found["disturbances"]
-    assert "as it is counted (`disturbances`)" in found["limits_gain"]
+    assert "in L2, counted as `disturbances` says" in found["limits_gain"]
     (explained,) = (one.meaning for one in explain(made).proved if one.name == "rho")
     assert ("its scale 0.02" in explained) == ("x 0.02" in said)
 

@@ -92,6 +92,20 @@ def test_how_long_a_search_of_many_linear_agents_is_likely_to_take(monkeypatch: 
     assert 0 < low < high
 
 
+def test_how_long_a_search_is_likely_to_take_where_modes_have_no_damping() -> None:
+    """Modes of 0.1 and 10 rad/s: the time of the loop's response there was an error of a singular matrix."""
+    dynamics = {"x": "v", "v": "u - 100*x", "p": "q", "q": "u - 0.01*p"}
+    states = list(dynamics)
+    one = Agent.from_expressions(
+        "a", states=states, inputs=["u"], outputs={"y": "x", "z": "p"}, dynamics=dynamics
+    )
+    asked = Claim(0.0, np.eye(4), np.zeros((0, 0)), np.zeros((2, 4)))
+    undamped = GainSearch.of(Network(one, Graph.topology("complete", 2)).loop(0), asked, 50.0)
+    assert undamped.units.time == 1
+    low, high = search_time.range_of_seconds(undamped, 1)
+    assert 0 < low < high
+
+
 @pytest.mark.parametrize(("delta", "asked"), [(DELTAS[0], {}), (DELTAS[1], {}), (DELTAS[0], ASKED[1])])
 def test_the_level_is_the_rho_that_the_inequality_has(
     delta: tuple[float, ...], asked: dict[str, np.ndarray]

@@ -42,7 +42,8 @@ def range_of_seconds(search: GainSearch, starts: int, jobs: int | None = None) -
     """Return the range in seconds."""
     rounds = -(-starts // (jobs or len(os.sched_getaffinity(0))))
     K, w = np.zeros(search.norm.shape), np.ones(len(search.norm.W))
-    frequencies = np.geomspace(0.1, 10, RESPONSES)
+    # Without their ends, which are numbers that a file may name: at an undamped mode of 10 rad/s there is no response.
+    frequencies = np.geomspace(0.1, 10, RESPONSES + 2)[1:-1]
     unit = mean_seconds(lambda: search.norm.worst(K, w, frequencies))
     fewest, most = (FEWEST_OF_LARGE, MOST_OF_LARGE) if eliminates_P(search.loop) else (FEWEST, MOST)
     return fewest * unit * rounds, most * unit * rounds
