@@ -17,7 +17,7 @@ from lockstep.cli.main import app
 from lockstep.codegen.emission.emit import emit
 from lockstep.codegen.exports import with_exports
 from lockstep.codegen.manifest import load_manifest
-from lockstep.codegen.spec import CodegenSpec, Signal
+from lockstep.codegen.spec import CodegenSpec, MessageLimits, Signal
 from lockstep.verification.toolchain import host_compilers
 
 EXPORTS = ("messages", "dbc")
@@ -99,6 +99,15 @@ def test_names_units_and_listeners_are_those_of_the_problem(tmp_path):
         "omega_m": "rad/s",
     }
     assert all(signal.receivers == ["arm1"] for signal in frame.signals)
+
+
+def test_ranges_of_outputs_are_those_of_the_problem(tmp_path):
+    ranges = {"theta_m": (-7.0, 7.5), "omega_m": (None, 100.0)}
+    folder = folder_of(tmp_path, arms(messages=MessageLimits(ranges=ranges)), *EXPORTS)
+    frame = cantools.database.load_file(next((folder / "dbc").iterdir())).get_message_by_name("arm1")
+    angle, speed = (frame.get_signal_by_name(name) for name in ("theta_m", "omega_m"))
+    assert (angle.minimum, angle.maximum) == (-7.0, 7.5)
+    assert speed.maximum in (None, 0), "one end alone is none in a DBC"
 
 
 def test_signals_of_a_formation_are_said_to_be_less_the_offsets():

@@ -260,6 +260,16 @@ def test_the_range_of_the_problem_file_is_in_the_c(root):
             parse(document, "design")
 
 
+def test_a_reading_out_of_its_range_is_not_sent_and_the_sender_is_told(script, tmp_path):
+    """Listeners would shut it out; without the check its sender went on, and nobody told it."""
+    for instant, y in enumerate([(7.0, 100.0), (7.5, 0.0), (0.0, 101.0), (0.0, -1e6)], start=1):
+        script.call(SEND, instant, y)
+        script.call(STEP, instant, y)
+    trace = script.run(tmp_path)
+    assert trace.status[::2].tolist() == [1, 0, 0, 1], "theta_m is in [-7, 7], omega_m at most 100"
+    assert not trace.status[1::2].any(), "the step takes what it is given"
+
+
 @pytest.mark.parametrize(
     ("flag", "builds"), [("-O2", True), ("-ffast-math", False), ("-ffinite-math-only", False)]
 )

@@ -11,7 +11,7 @@ from typing import Any
 from lockstep.check.errors import ProblemError
 from lockstep.codegen.emission.emit import plain
 from lockstep.codegen.emission.rendering import render
-from lockstep.codegen.exports.messages import HEAD, TAIL, message_bytes, senders
+from lockstep.codegen.exports.messages import HEAD, TAIL, limits_of, message_bytes, senders
 from lockstep.codegen.manifest import Manifest, Named
 
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
@@ -77,8 +77,13 @@ def _frames(manifest: Manifest) -> list[dict[str, Any]]:
 
 
 def _signal(output: Named, k: int, manifest: Manifest) -> dict[str, Any]:
-    bit = 8 * (HEAD + manifest.real_type.bytes * k)
-    return {"name": output.name, "unit": _quoted(output.unit), "bit": bit}
+    """Return a signal; where only one end of its range is given a DBC has no word for it, and 0|0 says that there is none."""
+    bit, ends = (
+        8 * (HEAD + manifest.real_type.bytes * k),
+        limits_of(manifest).ranges.get(output.name, (None,)),
+    )
+    span = (0, 0) if None in ends else ends
+    return {"name": output.name, "unit": _quoted(output.unit), "bit": bit, "span": span}
 
 
 def _quoted(text: str) -> str:

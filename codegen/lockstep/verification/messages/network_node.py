@@ -178,8 +178,8 @@ class ReferenceNode:
             one.heard, one.shut_out, one.age, one.forgetting = False, False, 0, True
 
     def send(self, instant: int, y: Float[np.ndarray, " q"]) -> bytes | None:
-        """Return the message with y, sampled at an instant; None if y is not finite."""
-        if not self._keep(instant, y):
+        """Return the message with y, sampled at an instant; None if y is not finite, or out of range."""
+        if not self._keep(instant, y) or not self._within(self.own[instant]):
             return None
         if self.sent is None:
             self.number = instant
@@ -247,11 +247,14 @@ class ReferenceNode:
         y = message.y[: len(one.held)]
         with np.errstate(all="ignore"):
             d = self.own[message.instant] - y
-        one.shut_out = not (np.isfinite(d).all() and (y >= self.low).all() and (y <= self.high).all())
+        one.shut_out = not (np.isfinite(d).all() and self._within(y))
         if one.shut_out:
             return Refusal.IMPLAUSIBLE
         one.held, one.age, one.heard, one.fresh = d, age, True, True
         return Refusal.TAKEN
+
+    def _within(self, y: Float[np.ndarray, " q"]) -> bool:
+        return bool((y >= self.low).all() and (y <= self.high).all())
 
     def _relative(self) -> Float[np.ndarray, " q"]:
         """r = 0 + a_1 d_1 + a_2 d_2 + ..."""
