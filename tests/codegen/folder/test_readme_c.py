@@ -2,10 +2,11 @@
 
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from codegen_cases import random_controller
+from codegen_cases import TABLE_1, arms, random_controller
 
 import lockstep
 from lockstep.codegen.emission.emit import emit
@@ -47,6 +48,7 @@ int main(void)
 """
 
 
+GAINS = dict(zip("ABCD", TABLE_1[0], strict=True))
 IMAGE = {"START": "uint32_t number", "FIRST": "0u", "HEARD": "list.count = 1u; list.weight[0] = 1.0f;"}
 NO_IMAGE = {"START": "void", "FIRST": "", "HEARD": ""}
 
@@ -92,3 +94,13 @@ def test_a_leader_hears_nobody(tmp_path):
     agent = random_controller("c", 2, 2, 1, neighbours=0)
     made = write_folder(emit(CodegenSpec((agent,), 0.01, name="cs")), tmp_path / "made")
     assert run(made, tmp_path, "c", (2, 1), 50) == 0
+
+
+def test_a_readme_says_which_loop_its_claims_are_of():
+    """Of lost messages they are of the nodes, not of the loop that is shown; equal gains can share one source."""
+    spec = arms()
+    equal = replace(spec, agents=tuple(replace(one, **GAINS) for one in spec.agents), plants=())
+    lossy = replace(spec, certificate={"certified": True, "messages": "a link loses half of them"})
+    plain, alike, told = (emit(one)["README.md"] for one in (spec, equal, lossy))
+    assert ("--one-image" in plain, "--one-image" in alike) == (False, True)
+    assert ("messages/arm1_node.h" in plain, "messages/arm1_node.h" in told) == (False, True)
