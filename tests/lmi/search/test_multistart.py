@@ -17,14 +17,17 @@ SEARCH = GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
 CERTIFICATE = least_rho(SEARCH.loop, published().blocks, SEARCH.claim)
 
 
-def searched(monkeypatch, rhos, certified, *, eliminates: bool) -> list[tuple[str, int]]:
-    """Run a search whose start i comes to rhos[i]; return what was done to which."""
+def searched(
+    monkeypatch, rhos, certified, *, eliminates: bool, stable=(), last: bool = True
+) -> list[tuple[str, int]]:
+    """Run a search whose start i comes to rhos[i], stable too where it is infinite; return what was done to which."""
     done: list[tuple[str, int]] = []
 
     def run_start(_search, _score, _seed, index, _deadline):
         done.append(("begun", index))
         rho = rhos[index % len(rhos)]
-        return StartResult(index, -1.0, Descended(np.zeros((1, 1, 1)), np.ones(1), 0.5, rho), sampled=rho)
+        abscissa = -1.0 if np.isfinite(rho) or not stable or index in stable else 1.0
+        return StartResult(index, abscissa, Descended(np.zeros((1, 1, 1)), np.ones(1), 0.5, rho), sampled=rho)
 
     def resume(_search, _score, start, _deadline):
         done.append(("further", start.index))
@@ -39,7 +42,7 @@ def searched(monkeypatch, rhos, certified, *, eliminates: bool) -> list[tuple[st
         monkeypatch.setattr(multistart, name, instead)
     monkeypatch.setattr(multistart, "eliminates_P", lambda _loop: eliminates)
     monkeypatch.setattr(multistart, "_settled", lambda _search, best, _score, _deadline: best)
-    multistart.search_gains(SEARCH, starts=4, seed=0, jobs=1)
+    multistart.search_gains(SEARCH, starts=4, seed=0, jobs=1, last=last)
     return done
 
 
@@ -69,6 +72,19 @@ def test_of_a_small_loop_all_that_are_asked_for_are_pursued(monkeypatch):
     done = searched(monkeypatch, [5.0, 4.0, 2.0, 3.0], {0}, eliminates=False)
     assert len(of(done, "begun")) == 4 * multistart.DRAWN
     assert len(of(done, "pursued")) == 4
+
+
+@pytest.mark.parametrize(
+    ("stable", "last", "begun"),
+    [({20}, False, 8), ({20}, True, 16), ({7}, False, 16)],
+    ids=["another limit is next", "nothing is next", "one start is stable"],
+)
+def test_where_larger_gains_are_next_half_of_the_starts_show_that_none_is_stable(
+    monkeypatch, stable, last, begun
+):
+    """Gains up to 0.9 stabilise no two magnetic bearings: 16 starts of them took as long as the search that did."""
+    done = searched(monkeypatch, [np.inf], set(), eliminates=False, stable=stable, last=last)
+    assert len(of(done, "begun")) == begun
 
 
 @pytest.mark.slow

@@ -117,16 +117,13 @@ def search_and_prove(
         decaying = network.decaying(held)
         search = gain_search(problem, decaying, claim, lag, rate)
         of = f"{table.gain_limit:g}{' in [design.gain_units]' if table.gain_units else ''}"
-        told = {
-            "tell": partial(_tell_search, tell, of, estimated_time(search, table.starts, jobs)),
-            "deadline": deadline,
-        }
-        effort: dict[str, Any] = {"score": score, "rho": rho, "jobs": jobs, **told}
+        told = partial(_tell_search, tell, of, estimated_time(search, table.starts, jobs))
+        run = partial(search_gains, search, score=score, rho=rho, jobs=jobs, deadline=deadline, last=explain)
         with stop.searching():
-            found = search_gains(search, starts=table.starts, seed=table.seed + anew * DRAWN_ANEW, **effort)
+            found = run(starts=table.starts, seed=table.seed + anew * DRAWN_ANEW, tell=told)
             if explain and not anew and not found.outcomes and not found.cut:
                 # Before it is said that there are none: as many starts again, drawn anew.
-                found = search_gains(search, starts=table.starts, seed=table.seed + DRAWN_ANEW, **effort)
+                found = run(starts=table.starts, seed=table.seed + DRAWN_ANEW, tell=told)
         if not found.outcomes:
             if stop.asked:
                 raise NothingYet("interrupted before any gains were certified; nothing was written")

@@ -67,6 +67,9 @@ Aim = Literal["rho", "alpha", "claim"]
 Goal = Callable[[Vector], tuple[float, dict[int, float], dict[int, float]]]
 """The value of a goal, its slope and its second derivative, each by the place of the unknown."""
 
+Storages = tuple[Float[np.ndarray, "n_C n_C"], ...]
+"""P_i of each controller that is to be stable by itself."""
+
 
 @dataclass(frozen=True)
 class BarrierPoint:
@@ -100,16 +103,13 @@ class VariableBound(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """What one run lowers, within which bounds, which unknowns may move, and when it is done early.
-
-    storages: P_i of each controller that is to be stable by itself.
-    """
+    """What one run lowers, within which bounds, which unknowns may move, and when it is done early."""
 
     goal: Goal
     bounds: list[VariableBound]
     free: Int[np.ndarray, " free"]
     done: Callable[[Vector], bool]
-    storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = ()
+    storages: Storages = ()
 
 
 class InteriorProgram:
@@ -188,7 +188,7 @@ class InteriorProgram:
 
         return Task(_logarithms(weights), bounds, free, done)
 
-    def _storages(self, K: GainBlocks) -> tuple[Float[np.ndarray, "n_C n_C"], ...]:
+    def _storages(self, K: GainBlocks) -> Storages:
         """Return P_i with He(P_i (A_Ci + rate I)) = -I of each controller that is to be stable by itself."""
         from scipy.linalg import solve_continuous_lyapunov
 
@@ -198,11 +198,7 @@ class InteriorProgram:
         return tuple((P + P.T) / 2 for P in found)
 
     def _barrier(
-        self,
-        F: BalancedF,
-        x: Vector,
-        bounds: list[VariableBound],
-        storages: tuple[Float[np.ndarray, "n_C n_C"], ...] = (),
+        self, F: BalancedF, x: Vector, bounds: list[VariableBound], storages: Storages = ()
     ) -> float:
         """Return the barrier; infinite outside."""
         room = np.array([sign * (x[i] - limit) for i, sign, limit in bounds])
@@ -214,8 +210,8 @@ class InteriorProgram:
             for P in storages:
                 np.linalg.cholesky(P)
             own = [-self._dissipation(P, block) for P, block in zip(storages, F.K(x), strict=False)]
-            for matrix in (-F.F(x), *(self._limit(block) for block in F.K(x)), *own):
-                total -= 2 * float(np.log(np.diag(np.linalg.cholesky(matrix))).sum())
+            for matrix in (-F.F(x), self._limits(F.K(x)), *own):
+                total -= 2 * float(np.log(np.linalg.cholesky(matrix).diagonal(0, -2, -1)).sum())
         except np.linalg.LinAlgError:
             return np.inf
         return total
@@ -245,10 +241,13 @@ class InteriorProgram:
             across * across.T + PSP[np.ix_(row, row)] * S[np.ix_(column, column)]
         )
 
-    def _limit(self, K: Float[np.ndarray, "k l"]) -> Float[np.ndarray, "s s"]:
-        """Return [I, K / L; (K / L)', I], positive definite where |K / L| < 1."""
-        k, l = K.shape
-        return np.block([[np.eye(k), K / self.gain_limit], [(K / self.gain_limit).T, np.eye(l)]])
+    def _limits(self, K: GainBlocks) -> Float[np.ndarray, "N s s"]:
+        """Return [I, K_i / L; (K_i / L)', I] of each agent, positive definite where |K_i / L| < 1."""
+        N, k, l = K.shape
+        found = np.tile(np.eye(k + l), (N, 1, 1))
+        found[:, :k, k:] = K / self.gain_limit
+        found[:, k:, :k] = found[:, :k, k:].swapaxes(1, 2)
+        return found
 
     def _settled(self, F: BalancedF, x: Vector, task: Task, mu: float, limits: NewtonLimits) -> Vector:
         """Take Newton steps until the decrement is small."""
@@ -281,8 +280,7 @@ class InteriorProgram:
         _, k, l = F.shape_K
         row, column = (index.ravel() for index in np.indices((k, l)))
         column, part = column + k, 1 / np.broadcast_to(self.gain_limit, (k, l)).ravel()
-        for i, block in enumerate(F.K(x)):
-            S = np.linalg.inv(self._limit(block))
+        for i, S in enumerate(np.linalg.inv(self._limits(F.K(x)))):
             place = slice(F.place["K"].start + i * k * l, F.place["K"].start + (i + 1) * k * l)
             across = S[np.ix_(row, column)]
             slope[place] -= 2 * part * S[row, column]

@@ -72,6 +72,7 @@ def search_gains(
     jobs: int | None = None,
     tell: Tell | None = None,
     deadline: Deadline = NEVER,
+    last: bool = True,
 ) -> SearchResult:
     """Return what the most promising of many starts came to; the same seed gives the same, whatever `jobs` is.
 
@@ -83,6 +84,7 @@ def search_gains(
         jobs: processes; by default as many as there are cores to run on.
         tell: told the part that is done.
         deadline: when to end; what it cuts depends on the machine.
+        last: whether nothing else is tried where this comes to nothing: else it ends where half of the starts are not stable.
     """
     if starts < 1:
         raise ValueError("a search needs at least one start")
@@ -90,9 +92,11 @@ def search_gains(
     eliminates = eliminates_P(search.loop)
     count = (1 if eliminates else DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
     kept = -(-starts // 2) if eliminates else KEPT * starts
-    drawn = cores.run(
-        (0.0, 0.4), run_start, [(search, score, seed, index, deadline) for index in range(count)], deadline
-    )
+    drawn = list[StartResult]()
+    for k, half in enumerate((range(count // 2), range(count // 2, count))):
+        if last or not drawn or min(one.abscissa for one in drawn) < 0:
+            arguments = [(search, score, seed, index, deadline) for index in half]
+            drawn += cores.run((k / 5, (k + 1) / 5), run_start, arguments, deadline)
     drawn.sort(key=lambda one: one.rank)
     finite = [one for one in drawn if np.isfinite(one.at.rho)]
     promising = finite[:kept]
