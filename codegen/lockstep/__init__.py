@@ -5,6 +5,7 @@ The steps, each a function that takes objects or the names of files, and what th
     design    a problem (or its file) -> `Design`: gains, proved with those very gains
     load      a design file, or a folder that holds one -> the same object
     certify   the independent checker, of a design or of a folder of generated C
+    explain   in plain words: what is proved, what that rests on, what is not proved
     generate  C for each agent, from a certified design only
     verify    compiles the C of a folder and compares it, bit by bit, with the Python reference
     simulate  the nonlinear loop, held against what is proved of it
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from lockstep.workflow.certify import DesignVerdict, certify
     from lockstep.workflow.design import design
     from lockstep.workflow.design_file import Design, load
+    from lockstep.workflow.explain import Explanation, explain
     from lockstep.workflow.generate import Generated, generate
     from lockstep.workflow.runs.simulate import simulate
     from lockstep.workflow.runs.simulation import Simulation
@@ -42,6 +44,7 @@ __all__ = [
     "ClaimError",
     "Design",
     "DesignVerdict",
+    "Explanation",
     "Generated",
     "LmiVerdict",
     "LockstepError",
@@ -52,6 +55,7 @@ __all__ = [
     "certify",
     "decide_lmi",
     "design",
+    "explain",
     "generate",
     "load",
     "simulate",
@@ -62,6 +66,7 @@ _HOMES = {
     "Build": "lockstep.workflow.build",
     "Design": "lockstep.workflow.design_file",
     "DesignVerdict": "lockstep.workflow.certify",
+    "Explanation": "lockstep.workflow.explain",
     "Generated": "lockstep.workflow.generate",
     "LmiVerdict": "lockstep.lmi.external_lmi",
     "Problem": "lockstep.model.problem",

@@ -140,7 +140,8 @@ def _decay(stored: CheckedFile, network: ExactNetwork, claim: Claim) -> Verdict:
     if certificate is None or decay is None:
         return Verdict.of(said, None)
     found = continuous.decide_certificate(network.decaying(decay), stored.gains, claim, certificate)
-    return Verdict("proved", said, found.figures) if found.proved else found
+    reason = said if found.proved else f"it is claimed that {said}, but {found.reason}"
+    return Verdict(found.status, reason, found.figures)
 
 
 def _initial_set(stored: CheckedFile, network: ExactNetwork, domain: Domain, claim: Claim) -> Verdict:

@@ -12,6 +12,7 @@ from lockstep.cli.messages import messages_row
 from lockstep.lmi.specification.defaults import TRIED
 from lockstep.model.agents.arguments import units_text
 from lockstep.model.problem.tables.toml_text import value_text
+from lockstep.workflow.design_file import slopes_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
 HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
@@ -105,11 +106,8 @@ def proved_besides(
     rest += f", {LOCAL}" * (content.get("scope") == "local")
     clips = "inputs may be clipped" + f", and then {NOTHING}" * ("clipped_radius" not in limits)
     none = NOTHING * (content.get("limits") is not None)
-    slopes = [
-        f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in content.get("entries", ())
-    ]
     rows = {
-        "certificate": ("slope bounds", ", ".join(slopes)),
+        "certificate": ("slope bounds", slopes_text(content)),
         "floor": ("lower bound", FLOOR.format(floor) if floor else NO_FLOOR * sought),
         "decay": ("convergence", decay and CONVERGES.format(decay)),
         "controllers_stable": ("controllers stable", stable),

@@ -22,10 +22,7 @@ def run_explain(design: Path) -> Answer:
     from lockstep.workflow.explain import explain
 
     told = explain(design)
-    parts = {"Proved": told.proved, "Assumed": told.assumed, "Not proved": told.open}
     tables = [
-        two_columns(title, {f"{one.name}": f"{one.value}. {one.meaning}".lstrip(". ") for one in part})
-        for title, part in parts.items()
-        if part
+        two_columns(title, {one.name: one.text for one in part}) for title, part in told.parts.items() if part
     ]
     return Answer(told.document(), Group(Text(told.found.design.title), *tables), told.ok)

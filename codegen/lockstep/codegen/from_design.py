@@ -23,6 +23,7 @@ from lockstep.lmi.analysis.decimals import round_down
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
+from lockstep.model.agents.arguments import units_text
 from lockstep.model.checks.plausibility import unstable_alone
 
 NAMED = "_controllers"
@@ -213,7 +214,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
     if not claims.certified:
         return {"certified": False}
     delta = {f"delta_{letter}": value for letter, value in claims.fragility.items() if value}
-    covered, scope = sampled.certified, claims.scope or "local"
+    covered, scope, units = sampled.certified, claims.scope or "local", units_text(claims.scales or ())
     decays = (sampled.decay, sampled.fastest_decay) if covered else ()
     rate = sampled_rate(stored.problem.controller.period, *decays)
     continuous = "rho, delta and decay" if delta else "rho and decay"
@@ -232,7 +233,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,
         **({"rho_sampled": sampled.rho or "not proved"} if covered else {}),
-        "alpha": round_down(claims.alpha, 6),
+        "alpha": f"{round_down(claims.alpha, 6)}{units}" if units else round_down(claims.alpha, 6),
         **delta,
         "decay": claims.decay
         and f"{claims.decay:g} 1/s, of every disagreement, with the gains as they were designed, continuous",

@@ -45,6 +45,10 @@ class DesignVerdict:
         """Whether every claim holds: of the design file, and of the C where it is a folder."""
         return bool(self.answer["ok"])
 
+    def __bool__(self) -> bool:
+        """Whether every claim holds: `assert lockstep.certify(design)`."""
+        return self.ok
+
     @property
     def certified(self) -> bool:
         """Whether the certificate is proved: of the continuous controllers; of a folder, of those in its C, as generated."""

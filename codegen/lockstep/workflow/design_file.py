@@ -70,6 +70,16 @@ class Design(Analysis):
         """
         return cls(parse(content, where), folder)
 
+    def __post_init__(self) -> None:
+        """Keep what was made of the file as the file is."""
+        for blocks in vars(self.stored.gains).values():
+            for block in blocks:
+                block.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy the file, without what was made of it."""
+        return Design, (self.stored, self.folder, self.reused)
+
     def __eq__(self, other: object) -> bool:
         """Whether the files say the same, wherever they are."""
         if not isinstance(other, Design):
@@ -100,7 +110,7 @@ class Design(Analysis):
 
     @property
     def alpha(self) -> float:
-        """The claimed bound |phi(a, t) - phi(b, t)| <= alpha |a - b|."""
+        """The claimed bound |phi(a, t) - phi(b, t)| <= alpha |a - b|, phi and v in the units that `alpha_text` names."""
         return self.stored.claims.alpha
 
     @property
@@ -161,14 +171,15 @@ class Design(Analysis):
 
     def rows(self) -> dict[str, str]:
         """Return what is claimed, name -> text, for people."""
-        claimed = "claimed; lockstep.certify(...) decides"
+        local = " while every agent stays in its domain" * (self.stored.claims.scope == "local")
+        claimed = f"claimed{local}; lockstep.certify(...) decides"
         sampled = self.sampled
         rho = sampled.get("rho")
         held = f"every {sampled.get('period')} s" + ("" if rho is None else f", rho {rho:.6g}")
         return {
             "certified": claimed if self.certified else "no",
             "rho": "none" if self.rho is None else f"{self.rho:.6g}",
-            "alpha": self.alpha_text,
+            "alpha": "; ".join(filter(None, (self.alpha_text, slopes_text(self.document())))),
             "controllers": f"{self.gains.N} of order {self.gains.order}",
             "sampled": f"{held}: {claimed}" if sampled.get("certified") is True else "not certified",
         }
@@ -180,6 +191,12 @@ class Design(Analysis):
     def _repr_html_(self) -> str:
         """Return a table of what is claimed, for a notebook; texts of the file are escaped."""
         return html_table(self.rows().items(), title=self.title)
+
+
+def slopes_text(content: Mapping[str, Any]) -> str:
+    """Return the bounds of single slopes that a certificate needs besides alpha, of what `Design.document` returns."""
+    entries = content.get("entries", ())
+    return ", ".join(f"|d phi{x['component']}/d v{x['argument']}| <= {x['slope']:.6g}" for x in entries)
 
 
 def load(path: Path | str) -> Design:

@@ -1,7 +1,7 @@
 """A design in plain words: what is proved of it, under which assumptions, and what is not proved.
 
 Every sentence follows from what the checker decides here and now (`lockstep.certify`). What the file claims and the checker
-does not decide stands under "not proved". `Design.explain` tells the claims of a design without deciding them.
+does not decide stands under "not proved".
 """
 
 import math
@@ -16,26 +16,12 @@ from lockstep.check.continuous.initial_set import axes_text
 from lockstep.lmi.analysis.decimals import above, below
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.model.checks.plausibility import WRONG_SIGN, unstable_alone
+from lockstep.model.html_table import html_table
 from lockstep.workflow.certify import DesignVerdict, certify
-from lockstep.workflow.design_file import Design
+from lockstep.workflow.design_file import Design, slopes_text
 
-TOLD = frozenset(
-    [
-        "bound",
-        "certificate",
-        "asked",
-        "decay",
-        "controllers_stable",
-        "controllers_stable_sampled",
-        "floor",
-        "initial_set",
-        "code",
-        "sampled",
-        "sampled_rho",
-        "max_period",
-        "limits",
-    ]
-)
+TOLD = {"bound", "certificate", "asked", "decay", "controllers_stable", "floor", "initial_set", "code"}
+TOLD_OF_WHAT_SHIPS = {"sampled", "sampled_rho", "controllers_stable_sampled", "max_period", "limits"}
 """Claims of a design file that have sentences of their own below; others are told by the checker's reason."""
 
 
@@ -46,6 +32,11 @@ class Statement:
     name: str
     value: str
     meaning: str
+
+    @property
+    def text(self) -> str:
+        """The figure and the sentence."""
+        return f"{self.value}. {self.meaning}".lstrip(". ")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,15 +60,29 @@ class Explanation:
         """Whether every claim of the design holds."""
         return self.found.ok
 
+    @property
+    def parts(self) -> dict[str, tuple[Statement, ...]]:
+        """The statements, by what they are."""
+        return {"Proved": self.proved, "Assumed": self.assumed, "Not proved": self.open}
+
+    def __repr__(self) -> str:
+        """Say all of it, a statement a line."""
+        lines = (f"{part}: {one.name}: {one.text}" for part, those in self.parts.items() for one in those)
+        return "\n".join((self.found.design.title, *lines))
+
+    def _repr_html_(self) -> str:
+        """Return the same as a table, for a notebook."""
+        rows = [(part, one.name, one.text) for part, those in self.parts.items() for one in those]
+        return html_table(rows, title=self.found.design.title)
+
     def document(self) -> dict[str, Any]:
         """Return what `lockstep explain --json` prints."""
-        parts = {"proved": self.proved, "assumed": self.assumed, "not_proved": self.open}
         return {
             "ok": self.ok,
             "certified": self.found.certified,
             "title": self.found.design.title,
             "reason": self.found.reason,
-            **{key: [asdict(one) for one in part] for key, part in parts.items()},
+            **{key.lower().replace(" ", "_"): [*map(asdict, part)] for key, part in self.parts.items()},
         }
 
 
@@ -119,14 +124,15 @@ def _continuous(found: DesignVerdict) -> Iterator[Statement]:
     rho = found.rho
     if rho is not None:
         yield Statement("rho", f"{rho:.6g}", _meaning_of_rho(problem, rho))
-    linear = problem.agent().lure.is_linear
+    slopes = slopes_text(found.answer)
     yield Statement(
         "alpha",
-        f"{claims.alpha:.9g}",
+        design.alpha_text,
         "The agents are linear: no bound is needed."
-        if linear
+        if problem.agent().lure.is_linear
         else "The largest slope of the nonlinearity that is counted on, less what of it is in the linear part, proved for its"
-        " formula: every other nonlinearity with no larger slopes beside that linear part is covered too.",
+        f" formula{f', and so is {slopes}' * bool(slopes)}: every other nonlinearity within these bounds beside that linear"
+        " part is covered too.",
     )
     if claims.floor is not None and found.verdict.proves("floor"):
         ratio = 1.0 if rho is None else float(f"{rho / claims.floor:.3g}")
@@ -278,7 +284,7 @@ def _units(design: Design) -> str:
 def _others(found: DesignVerdict) -> Iterator[Statement]:
     agent, claimed = found.design.problem.agent(), found.design.stored.claims.sampled.clipped_half_axes
     for name, verdict in found.verdict.verdicts.items():
-        if name not in TOLD and verdict.proved:
+        if name not in TOLD | TOLD_OF_WHAT_SHIPS and verdict.proved:
             said = f"{verdict.reason[:1].upper()}{verdict.reason[1:]}."
             if claimed:  # the checker knows no units
                 with_units = axes_text(claimed, agent.states, agent.units)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from lockstep.check.system.loop import Gains
     from lockstep.lmi.document import Stored
     from lockstep.lmi.robustness import DiskMargin, GainPeak
+    from lockstep.model.control.bridge import Method
     from lockstep.model.control.hybrid import Hybrid
     from lockstep.model.control.ports import PortedLoop
     from lockstep.model.network import Network
@@ -74,13 +75,17 @@ class Analysis:
             return self.loop().closed()
         return self.network.to_control(self.gains, linear=linear)
 
-    def controllers_to_control(self, **sampling: Any) -> list[Any]:
+    def controllers_to_control(
+        self, period: float | None = None, method: "Method | None" = None
+    ) -> list[Any]:
         """Return the controllers (9) for python-control, one `control.ss` per agent, from r_i to u_i.
 
         Args:
-            sampling: `period` in s and `method` ("tustin" or "zoh"), for discrete ones.
+            period: in s, of discrete ones; by default they are continuous.
+            method: "tustin" or "zoh", of discrete ones; by default the rule of the problem's [controller].
         """
-        return self.network.controllers_to_control(self.gains, **sampling)
+        rule = None if period is None else self.stored.problem.controller.discretization
+        return self.network.controllers_to_control(self.gains, period=period, method=method or rule)
 
     def loop(self, *, sampled: bool = True, period: float | None = None) -> "PortedLoop":
         """Return the linear part of the loop, to be opened at agents, inputs and links.
@@ -187,39 +192,3 @@ class Analysis:
         if what == "margins":
             return margins_figure({f"{a}": loop.sensitivity([a]) for a in loop.inputs_of()})
         raise ProblemError(f"`{what}`", where="plot", expected='"graph", "poles" or "margins"')
-
-    def explain(self) -> str:
-        """Return what the design is, what is claimed of it and how its linear loop behaves, in plain sentences.
-
-        Claims are the file's: `lockstep.certify` decides them. Poles and gains are computed, not proved.
-        """
-        import numpy as np
-
-        problem, network, sampled = self.stored.problem, self.network, self.stored.claims.sampled
-        agent, edges = network.agent, network.graph.edges
-        claims, poles = self.stored.claims, self.loop().closed().poles()
-        radius, period = float(max(abs(poles), default=0.0)), problem.controller.period
-        slowest = "never" if radius >= 1 else f"in {-period / np.log(radius):.3g} s" if radius else "at once"
-        hearing = [f"{agent.name}{a} hears {agent.name}{b}" for a, b, _ in edges[:6]]
-        heard = "; ".join([*hearing, "..."] if edges[6:] else hearing)
-        continuous = "is not claimed to agree"
-        if claims.certified:
-            continuous = "is claimed to agree for every nonlinearity with the slope bound"
-            if claims.rho is not None:
-                continuous += f"; disturbances reach the disagreement with a gain of at most {claims.rho:.4g}"
-        rho = "" if sampled.rho is None else f", with a gain of at most {sampled.rho:.4g}"
-        held = f"are claimed to hold too{rho}" if sampled.certified else "are not claimed to hold"
-        return "\n".join(
-            [
-                f"{problem.title}: {network.N} agents with {agent.n} states ({', '.join(agent.states)}), "
-                f"{agent.m} input(s), {agent.q} output(s).",
-                f"Graph: {heard}.",
-                f"Nonlinearity: |phi(a, t) - phi(b, t)| <= {claims.alpha:.6g} |a - b|.",
-                f"Controllers: one of order {self.gains.order} for each agent, from differences of outputs alone.",
-                f"The loop with the continuous controllers {continuous}.",
-                f"The controllers as they ship, every {period:g} s in {problem.controller.real}, {held}.",
-                f"Linear part, computed: the slowest disagreement shrinks to 1/e {slowest}; "
-                f"largest pole {radius:.6g} in absolute value.",
-                "lockstep.certify(design) decides the claims.",
-            ]
-        )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lockstep.check.errors import ProblemError, demand
-from lockstep.check.wording import shorten
+from lockstep.model.real_numbers import reals
 from lockstep.model.simulation.disturbance import MOST_INSTANTS
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ def compiled_run(
     from lockstep.model.simulation.results.trajectory import Trajectory
 
     agent, N = network.agent, network.N
-    horizon, step = (_floats(x, what, ()).item() for x, what in ((horizon, "horizon"), (step, "step")))
+    given = (horizon, "horizon"), (step, "step")
+    horizon, step = (reals(value, what, "response", single=True).item() for value, what in given)
     period = stored.problem.controller.period
     if not (step > 0 and 0 < horizon <= MOST_INSTANTS * min(period, step)):
         posed = f"a horizon of {horizon:g} s in steps of {step:g} s"
@@ -44,9 +45,9 @@ def compiled_run(
     engine = _engine(_Key(stored, network), step)
     layout = engine.layout
     periods, states = layout.periods(horizon), N * agent.n
-    start = np.zeros((N, agent.n)) if start is None else _floats(start, "start")
+    start = np.zeros((N, agent.n)) if start is None else reals(start, "start", "response")
     demand(start.size == states, f"`start` has {start.size} numbers", "response", f"{N} x {agent.n}")
-    xi = _floats(xi, "xi")
+    xi = reals(xi, "xi", "response")
     held = xi.ndim == 2 and xi.shape == (periods, states)
     try:
         given = xi.reshape(N, agent.n) if xi.size == states else xi
@@ -67,17 +68,6 @@ def compiled_run(
     u[-1] = [gains.C[i] @ x_C[-1, i] + gains.D[i] @ r[i] for i in range(N)]
     y = x @ agent.lure.C.T
     return Trajectory(t, x, x_C, u, y, recorded, agent.states, agent.inputs, agent.outputs, agent.name)
-
-
-def _floats(value: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """Return finite numbers as an array."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    if not np.isfinite(array).all() or shape not in (None, array.shape):
-        raise ProblemError(f"`{name}` is {shorten(repr(value))}", where="response", expected="finite numbers")
-    return array
 
 
 class _Key:

@@ -40,6 +40,10 @@ ALWAYS = ("rho", "floor")
 class Stored(DesignFile[Problem]):
     """A design file with its problem as this layer builds it, to be written down."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy the text."""
+        return parse, (self.document(), self.problem.title)
+
     def document(self) -> dict[str, Any]:
         """Return the file as plain JSON types."""
         return file_document(self)

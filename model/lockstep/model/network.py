@@ -20,6 +20,7 @@ from lockstep.check.system.loop import Gains, Loop, Plant
 from lockstep.check.system.network import ExactNetwork
 from lockstep.model.agents.agent import Agent
 from lockstep.model.graphs.graph import Graph
+from lockstep.model.real_numbers import reals
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class Network:
         agent: the dynamics all agents share; the paper's reduction to disagreements needs A, C and h common.
         graph: who listens to whom; it must have a spanning tree.
         B: the input matrix (n, m) of each agent; by default the agent's own for all.
-        coordinates: "orthonormal" (default) or "laplacian_rows" (the paper's (14)).
+        coordinates: "orthonormal" (default), in which lengths are (see `loop`), or "laplacian_rows" (the paper's (14)).
         spectrum: [a, b] where every connected undirected graph with its eigenvalues but 0 there is meant, `graph` being one.
         decay: of e^(decay t) x_cl, whose loop it is; see `lockstep.check.system.network.ExactNetwork`.
         scales: (D_w, D_v), the diagonals with which the bound on phi was proved: |D_w^-1 J D_v| <= alpha,
@@ -47,7 +48,7 @@ class Network:
 
     def __post_init__(self) -> None:
         shape = self.agent.lure.B.shape
-        B = tuple(np.asarray(b, dtype=float) for b in self.B) or (self.agent.lure.B,) * self.graph.N
+        B = tuple(reals(b, "B", "network") for b in self.B) or (self.agent.lure.B,) * self.graph.N
         for i, b in enumerate(B):
             found = f"`B` is {b.shape[0]} x {b.shape[1]}"
             demand(b.shape == shape, found, f"agent {i + 1}", f"{shape[0]} x {shape[1]}")
@@ -80,7 +81,11 @@ class Network:
         return replace(self, decay=decay)
 
     def loop(self, order: int, *, exact_arithmetic: bool = False) -> Loop:
-        """Return the loop (15) for controllers of an order, in doubles or in the same rationals."""
+        """Return the loop (15) for controllers of an order, in doubles or in the same rationals.
+
+        Its states are x_d = (T (x) I) x and x_C, T = `loop.d.T`. With "orthonormal" coordinates T is a rational stand-in, and
+        lengths are measured with S = `loop.d.S`: x_d' (S (x) I) x_d is the square of |x - mean|.
+        """
         return self.matrices.loop(order, exact_arithmetic=exact_arithmetic)
 
     def closed_loop(self, gains: Gains) -> ca.Function:
@@ -120,13 +125,26 @@ class Network:
     def to_control(
         self, gains: Gains | None = None, *, linear: bool = False, period: float | None = None
     ) -> Any:
-        """Return the network for python-control: see `lockstep.model.control.bridge.network_to_control`."""
+        """Return the network for python-control.
+
+        Args:
+            gains: of the controllers (9) that close it: inputs xi_i, outputs x_i, y_i, u_i. Without them the inputs are the
+                u_i, then the xi_i, and the outputs the y_i, then the relative outputs r_i.
+            linear: without phi and the offset; with gains in disagreement coordinates, orthonormal ones unless the network's
+                are the rows of L: inputs xi_d and w_d in the place of phi_d, outputs x_d, v_d and u.
+            period: in s, of the linear part without gains, its inputs held.
+        """
         from lockstep.model.control.bridge import network_to_control
 
         return network_to_control(self, gains, linear=linear, period=period)
 
     def controllers_to_control(self, gains: Gains, **sampling: Any) -> list[Any]:
-        """Return the controllers for python-control: see `lockstep.model.control.bridge.controllers_to_control`."""
+        """Return the controllers for python-control, one `control.ss` per agent, from r_i to u_i.
+
+        Args:
+            gains: continuous ones, or with `period` and no `method` those of sampled controllers.
+            sampling: `period` in s, and `method` ("tustin" or "zoh") to sample continuous gains with.
+        """
         from lockstep.model.control.bridge import controllers_to_control
 
         return controllers_to_control(self.agent, gains, **sampling)

@@ -56,6 +56,7 @@ class Digraph:
         A row may miss zero by 1e-9 of its absolute sum: decimals such as 0.1 + 0.2 - 0.3 do not add up to 0.
         """
         where = "[network] laplacian"
+        demand(not np.iscomplexobj(laplacian), "an entry is complex", where)
         L = np.array(laplacian, dtype=float)
         check_square(L, where)
         demand(np.isfinite(L).all(), "an entry is not a finite number", where)

@@ -50,11 +50,7 @@ class Simulation:
         trajectory, found = self.trajectory, self.measured
         d = trajectory.disagreement()
         same = ("gain", "rho", "ratio", "covered", "reason")
-        l2 = {
-            "output": found.output,
-            "disturbance": found.input,
-            **{one: getattr(found, one) for one in same},
-        }
+        l2 = {"output": found.output, "disturbance": found.input, **{k: getattr(found, k) for k in same}}
         error = {"kind": "ClaimError", "figures": {"ratio": found.ratio}}
         return {
             "ok": found.holds,

@@ -182,8 +182,9 @@ def _measured(run: SwarmRun, stored: "Stored", start: Float[np.ndarray, "N n"], 
     if storage is None and promised is not None and promised.P is not None:
         storage = storage_of(start, network_of_design(stored), stored, promised.P)
     rho = None if promised is None else promised.rho
+    of_all = "whether this graph has the spectrum that the design is proved for is not decided here"
     doubts = {
-        "the design is proved for another graph": promised is None,
+        of_all if problem.spectrum else "the design is proved for another graph": promised is None,
         "" if promised is None else promised.reason: rho is None,
         "whether all of so many agents stayed in the domain is not recorded": promised is not None
         and promised.scope == "local",

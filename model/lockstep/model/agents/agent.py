@@ -265,19 +265,23 @@ class Agent:
         return observability(self.lure.A, self.lure.C)
 
     def to_control(self, *, linear: bool = False) -> Any:
-        """Return the agent for python-control: see `lockstep.model.control.bridge.agent_to_control`."""
+        """Return the agent for python-control, from its inputs to its states and outputs; `linear`: without phi."""
         from lockstep.model.control.bridge import agent_to_control
 
         return agent_to_control(self, linear=linear)
 
     def trim(self, **given: Any) -> Any:
-        """Return an equilibrium: see `lockstep.model.control.operating_points.trim`."""
+        """Return an equilibrium f(x, u, t) = 0, as states and inputs.
+
+        Args:
+            given: `states`, `inputs`: numbers by name;  `start`: states (n,) that the search begins at;  `t`: in s.
+        """
         from lockstep.model.control.operating_points import trim
 
         return trim(self, **given)
 
     def linearise(self, x: Sequence[float], u: Sequence[float], t: float = 0.0) -> Any:
-        """Return the agent linearised at a point as a `control.ss`: see `lockstep.model.control.operating_points`."""
+        """Return the agent linearised at states x (n,), inputs u (m,) and a time t in s, as a `control.ss`."""
         from lockstep.model.control.operating_points import linearised_agent
 
         return linearised_agent(self, x, u, t)

@@ -112,10 +112,7 @@ _FLOATING: Mapping[str, Callable[..., Any]] = {
     "and": np.logical_and,
     "choose": np.where,
     "decreasing": lambda term, *_: term,
-    **{
-        name: getattr(np, name)
-        for name in ("exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "sqrt")
-    },
+    **{f.__name__: f for f in (np.exp, np.log, np.sin, np.cos, np.tan, np.sinh, np.cosh, np.tanh, np.sqrt)},
 }
 
 

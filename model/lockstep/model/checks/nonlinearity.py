@@ -17,12 +17,13 @@ TIMES = np.concatenate([[0.0], np.linspace(-50.0, 50.0, 1001), np.geomspace(1e-3
 
 def bound(agent: Agent, proved: Bound) -> CheckRow:
     """|phi(a, t) - phi(b, t)| <= alpha |a - b|, proved; the sharpest alpha lies between the two figures."""
-    reason = "|phi(a, t) - phi(b, t)| <= alpha |a - b| for any two agents: the certificate is as true as this"
-    name = "bound of the nonlinearity"
+    units = units_text((proved.output_scale, proved.input_scale))
+    named, name = ", in the units named" * bool(units), "bound of the nonlinearity"
+    reason = f"|phi(a, t) - phi(b, t)| <= alpha |a - b| for any two agents{named}: the certificate is as true as this"
     if agent.lure.is_linear:
         return CheckRow(name, "ok", "alpha = 0: the agent is linear", reason)
     head = f"alpha = {proved.alpha:.10g}"
-    where = arguments_text(agent) + units_text((proved.output_scale, proved.input_scale))
+    where = arguments_text(agent) + units
     if proved.asked is not None:
         figure = f"{head} as asked, proved; {proved.lower:.10g} is reached ({where})"
         return CheckRow(name, "ok", figure, reason)

@@ -94,6 +94,8 @@ def controllers_to_control(
     demand(gains.D[0].shape == (agent.m, agent.q), found, "gains", expected)
     if method is not None and period is None:
         raise ProblemError(f"method {method} without a period", where="controllers_to_control")
+    found, expected = f"a period of {period} s", "above 0"
+    demand(period is None or 0 < period < np.inf, found, "controllers_to_control", expected)
     return [_controller(agent, gains, i, period, method) for i in range(gains.N)]
 
 

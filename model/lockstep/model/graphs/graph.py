@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from lockstep.check.errors import ProblemError
+from lockstep.check.errors import ProblemError, demand
 from lockstep.check.system.graph import Digraph, check_square
 from lockstep.check.system.graph import Topology as Topology
 
@@ -24,7 +24,9 @@ class Graph(Digraph):
     """
 
     def __post_init__(self) -> None:
-        a, where = np.array(self.adjacency, dtype=float), "adjacency"
+        where = "adjacency"
+        demand(not np.iscomplexobj(self.adjacency), "its weights are complex", where, "weights that are real")
+        a = np.array(self.adjacency, dtype=float)
         check_square(a, where)
         for i, j in np.argwhere(~(np.isfinite(a) & (a >= 0)))[:1]:
             found = f"the weight from agent {j + 1} to agent {i + 1} is {a[i, j]}"

@@ -103,6 +103,7 @@ class SparseGraph:
 
         Agents are numbered in the order of the nodes; the attribute `weight` counts, 1 where there is none.
         """
+        demand(hasattr(graph, "edges"), f"a {type(graph).__name__}", where, "a `Graph`, or one of networkx")
         number = {node: i for i, node in enumerate(graph.nodes)}
         demand(not graph.is_multigraph(), "it is a multigraph", where, "one edge per pair of agents")
         rows = [(number[v], number[u], a) for u, v, a in graph.edges.data("weight", default=1.0)]
@@ -116,9 +117,8 @@ class SparseGraph:
         try:
             weights = np.array([float(a) for _, _, a in table], dtype=float)
         except (TypeError, ValueError):
-            raise ProblemError(
-                "a weight is no number", where=where, expected="finite weights above 0"
-            ) from None
+            expected = "finite weights above 0"
+            raise ProblemError("a weight is no number", where=where, expected=expected) from None
         ends = np.array([(i, j) for i, j, _ in table], dtype=np.int64).reshape(len(table), 2)
         return cls(agents, ends[:, 0], ends[:, 1], weights, where)
 

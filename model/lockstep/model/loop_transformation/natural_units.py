@@ -55,9 +55,7 @@ def natural_units(
         near_one(float(np.sqrt(R[i, i])), (state[i], -1), weight=WEAK)
     # Weighed so that the others do not move it: what is left is a ten-thousandth of their logarithms.
     near_one(0.0 if tau is None else 1 / tau, (time, 1), weight=1 / WEAK**2)
-    exponents: Float[np.ndarray, " unknowns"] = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[
-        0
-    ]
+    exponents = np.asarray(np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0])
     found = 2.0 ** (np.round(exponents) if rounded else exponents)
     ends = found[: n + m + q]
     X, S_u, S_y = ends[:n], ends[n : n + m], ends[n + m :]

@@ -14,6 +14,7 @@ from lockstep.check.expression.traversal import substitute
 from lockstep.model.agents.agent import Agent
 from lockstep.model.formulas.expression_text import expression_text
 from lockstep.model.graphs.graph import Graph
+from lockstep.model.real_numbers import reals
 
 Entries = Mapping[tuple[int, int], str]
 """The entries (row, column) of B that are not the same for all agents, and the parameter that stands for each."""
@@ -79,13 +80,12 @@ def _network(
 def _matrices(
     agent: Agent, graph: Graph, B: Sequence[Float[np.ndarray, "n m"]]
 ) -> list[Float[np.ndarray, "n m"]]:
-    matrices = [np.asarray(b, dtype=float) for b in B] or [agent.lure.B] * graph.N
+    matrices = [reals(b, "B", "network") for b in B] or [agent.lure.B] * graph.N
     expected = "one B per agent"
     demand(len(matrices) == graph.N, f"{len(matrices)} input matrices for {graph.N} agents", "B", expected)
     for k, b in enumerate(matrices, start=1):
         found = f"`B` is {' x '.join(map(str, b.shape))}"
         demand(b.shape == agent.lure.B.shape, found, f"agent {k}", " x ".join(map(str, agent.lure.B.shape)))
-        demand(np.isfinite(b).all(), "an entry of `B` is not a finite number", f"agent {k}", "finite numbers")
     return matrices
 
 

@@ -77,6 +77,10 @@ class Problem:
             amplitudes(self.simulation.disturbance, *given)
             _ = self.sensor_noise
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy the tables, without what was made of them."""
+        return Problem, (self.file, self.membership)
+
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Problem":
         """Build a problem from the plain tables that `document` returns, or that a TOML parser does."""
@@ -130,7 +134,8 @@ class Problem:
 
         Args:
             agent: its expressions become the formulas of [agent]: the same operations, digit by digit.
-            graph: who listens to whom: a `Graph`, or a graph of networkx, that of a large one by its spectrum.
+            graph: who listens to whom: a `Graph`, or a graph of networkx, that of a large one by its spectrum. An edge of a
+                `DiGraph` goes from the agent that is heard to the one that hears; `Graph.from_edges` has the listener first.
             B: the input matrix of each agent, as in `Network`; by default the agent's own for all.
             title: for people.
             design: the table of this name, with the keys of a problem file; matrices may be NumPy's.
@@ -162,8 +167,7 @@ class Problem:
         return toml_text(self.file)
 
     def document(self) -> dict[str, Any]:
-        """Return the problem as plain JSON types, defaults filled in; `from_document` gives the same problem
-        again.
+        """Return the problem as plain JSON types, defaults filled in; `from_document` gives a problem of the same tables.
 
         Outputs are pairs in a list, because their order is the order of y and JSON writers may sort keys. Where the
         file leaves `weights`, but for the inputs', and `gain_limit` out, more is asked for than their defaults, and they stay

@@ -127,9 +127,8 @@ def disturbance_of(
         whole.values[(t < table.start - 1e-9) | (t >= stop - 1e-9)] = 0.0
         return whole
     if table.kind == "sine":
-        return Sines(
-            size, generator.uniform(0, 2 * np.pi, size=size.shape), table.frequency, table.start, stop
-        )
+        phases = generator.uniform(0, 2 * np.pi, size=size.shape)
+        return Sines(size, phases, table.frequency, table.start, stop)
     if table.kind == "step":
         signs = 1.0 if isinstance(table.amplitude, dict) else generator.choice([-1.0, 1.0], size=size.shape)
         return Steps(size * signs, table.start, stop)

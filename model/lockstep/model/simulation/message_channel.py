@@ -52,10 +52,8 @@ class MessageChannel:
     @property
     def is_ideal(self) -> bool:
         """Whether everything arrives at once, as it was sent."""
-        untouched = (
-            self.bits is None and self.real == "float64" and self.change is None and not any(self.noise)
-        )
-        return not self.delay and not self.drop and untouched
+        late, rounded = self.delay or self.drop, self.bits is not None or self.real != "float64"
+        return not (late or rounded or self.change is not None or any(self.noise))
 
     def quantised(self, y: Float[np.ndarray, "N q"]) -> Float[np.ndarray, "N q"]:
         """Return outputs as the converter gives them, ties to even.

@@ -262,14 +262,14 @@ def dimension(text: str, name: str) -> Powers:
         PintError,
         ArithmeticError,
         AttributeError,
+        LookupError,
         SyntaxError,
         TypeError,
         ValueError,
-        KeyError,
-    ) as error:
+    ) as no:
         power = re.sub(r"(?<![\w.])([A-Za-z]+)(\d)", r"\1^\2", text)
         raise ProblemError(
-            f"`{text}` is no unit: {error}",
+            f"`{text}` is no unit: {no}",
             where=f"[agent.units] {name}",
             expected='a unit as pint reads it, such as "rad/s^2" or "N m", or "1" for a pure number',
             remedy=f"a power is written with ^: `{power}`" if power != text else "",
