@@ -62,8 +62,8 @@ def _unsquared() -> Finding:
     x = np.linalg.svd(C_r)[2][0]
     left, right = float(np.linalg.norm(C_r @ x) ** 2), norm
     return Finding(
-        f"|C_r| = {norm:.4g}: with Delta D_C = delta I, |z_2|^2 = {left:.4g} delta^2 |x_r|^2 is reached, and (29)"
-        f" allows {right:.4g}",
+        f"|C_r| = {norm:.4g}: with each Delta D_Ci, of norm delta, along its rows of C_r x_r, |z_2|^2 = {left:.4g} delta^2"
+        f" |x_r|^2 is reached, and (29) allows {right:.4g}",
         left > 1.5 * right,
     )
 

@@ -35,7 +35,7 @@ def _positive_eigenvalues() -> Finding:
     values = np.linalg.eigvals(cycle().laplacian)
     worst = values[np.argmax(values.imag)]
     return Finding(
-        f"eigenvalues of (39): 0, {worst.real:.4g} +- {worst.imag:.3g}i; only their real parts are positive",
+        f"true of undirected graphs; (39) is directed, and has {worst.real:.4g} +- {worst.imag:.3g}i",
         bool(np.abs(worst - (1.5 + 0.75**0.5 * 1j)) < 1e-12),
     )
 
@@ -77,7 +77,7 @@ CLAIMS = (
     PaperClaim(
         "positive-eigenvalues",
         "Section 2, (39)",
-        "All other eigenvalues of the Laplacian are positive numbers; the text treats undirected graphs.",
+        "All other eigenvalues are positive numbers: said of connected undirected graphs; and of (39)?",
         "refuted",
         _positive_eigenvalues,
     ),

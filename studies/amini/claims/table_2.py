@@ -14,8 +14,9 @@ HOLDS = (1e-3, 1e-2)
 def _noise() -> Finding:
     spread = [_rms(hold) for hold in HOLDS]
     return Finding(
-        f"noise of unit variance held for {HOLDS[0] * 1e3:g} ms leaves a disagreement of {spread[0]:.2f} (rms), for"
-        f" {HOLDS[1] * 1e3:g} ms of {spread[1]:.2f}; white noise in continuous time has no variance",
+        f"noise of unit variance held for {HOLDS[0] * 1e3:g} ms leaves a disagreement of {spread[0]:.2f} (rms; gains"
+        f" of Corollary 1, linear part), for {HOLDS[1] * 1e3:g} ms of {spread[1]:.2f}; white noise in continuous"
+        " time has no variance",
         spread[1] > 3 * spread[0],
     )
 
@@ -54,7 +55,7 @@ def _consistent() -> Finding:
     means = [TABLE_2[key][:, 3] / TABLE_2[key][:, 1] for key in ("theorem_1", "reference_25")]
     spans = [f"{mean.min():.2f} to {mean.max():.2f} s" for mean in means]
     return Finding(
-        f"possible for horizons from {ours:.2f} s (Theorem 1) and {theirs:.2f} s ([25]) by Cauchy-Schwarz; mean times"
+        f"possible only for horizons from {ours:.2f} s (Theorem 1) and {theirs:.2f} s ([25]) by Cauchy-Schwarz; mean times"
         f" of the effort {spans[0]} and {spans[1]}, so under lasting noise the horizon was short; it is not given",
         max(ours, theirs) < 2 and all((mean > 0).all() for mean in means),
     )

@@ -105,3 +105,8 @@ def test_a_range_of_the_file_in_which_nothing_grows_is_not_named():
 @pytest.mark.parametrize("formula", ["u - sign(q)", "u - sqrt(p + t)"])
 def test_where_no_range_is_known_none_is_named(formula):
     assert remedy(jack(formula)).startswith("leave that point out")
+
+
+def test_no_box_leaves_out_a_time():
+    """[agent.domain] refuses `t`, and a slope that is bounded from 0 on is not before."""
+    assert remedy(jack("u - exp(-t)*q")).startswith("t is any time, those before 0 too: write a term")

@@ -30,13 +30,15 @@ def no_bound(bound: Bound, agent: Agent) -> ProblemError:
     bound = _without_value(bound, agent)
     box = _domain(bound, agent)
     local = "the certificate is then local"
+    leave = f"leave that point out with a box in [agent.domain] ({local}), or"
+    leave = "t is any time, those before 0 too:" if "t -> " in bound.reason else leave
     return ProblemError(
         f"the nonlinearity has no finite bound on its domain: {_in_names(bound.reason, agent)}",
         where=_equation(agent),
         expected="a nonlinearity whose slope is bounded, such as sin or tanh, or a domain where it is",
         remedy=f"give a box in [agent.domain], such as {box}: {local}"
         if box
-        else f"leave that point out with a box in [agent.domain] ({local}), or write a term whose slope stays finite there",
+        else f"{leave} write a term whose slope stays finite there",
     )
 
 
