@@ -234,8 +234,10 @@ LATER = {
         # of states beside each other, which notes and divergence ask for, were told of any numbers that a file may hold;
         # 190 less since what editors show of each key is made in docs/; 20 more for numbers that convert units unchecked;
         # 850 before agents that leave their domain by themselves within a period were noted; 865 before leaders that do so
-        # within a run were, and kelvins beside degrees Celsius; 897 before what is told of a run moved in, out of the roots.
-        1020,
+        # within a run were, and kelvins beside degrees Celsius; 897 before what is told of a run moved in, out of the roots;
+        # 1020 before `lockstep.explain` said what `Design.explain` did, and the roots lost 30;
+        # 1030 before a parameter in mm/m was held against the 1 that it converts by.
+        1040,
     ),
 }
 """Rooms for later duties: folders and files, and the most code lines."""

@@ -123,6 +123,34 @@ def test_designs_problems_and_verdicts_go_to_other_processes(arms, how):
     assert how(verdict).document() == verdict.document()
 
 
+def test_controllers_that_yield_more_than_none_say_so_wherever_they_are_read(tmp_path):
+    """x'' = -x - x' + u, u = 0.3 (x_i - x_j): a constant load finds a stiffness of 1 - 2 * 0.3, so 2.5 times the way."""
+    text = """
+[agent]
+name = "spring"
+states = ["x", "v"]
+inputs = ["u"]
+dynamics = { x = "v", v = "-x - v + u" }
+outputs = { y = "x" }
+[network]
+agents = 2
+topology = "complete"
+[design]
+method = "given"
+gains = [{ D = [[0.3]] }, { D = [[0.3]] }]
+"""
+    (tmp_path / "soft.toml").write_text(text, encoding="utf-8")
+    built = lockstep.build(tmp_path / "soft.toml", tmp_path / "soft")
+    said = "of v moves x 2.5 times as far apart as u = 0 does (computed)"
+    assert any(said in note for note in built.notes)
+    readme, report = ((tmp_path / "soft" / name).read_text("utf-8") for name in ("README.md", "report.html"))
+    header = " ".join((tmp_path / "soft/include/spring1.h").read_text("utf-8").replace("\n *", "").split())
+    told = {one.name: one.value for one in lockstep.explain(tmp_path / "soft").open}
+    for shown in (readme, report, header, told["constant disturbance"]):
+        assert said in shown
+    assert lockstep.certify(tmp_path / "soft")
+
+
 def test_a_refuted_design_is_false_and_the_claim_has_its_name(arms):
     content = arms.stored.document()
     assert lockstep.certify(arms)

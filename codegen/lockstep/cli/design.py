@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from lockstep.cli.console import Answer, left_from_before, progress_display, remark, two_columns, wrote
 from lockstep.cli.interrupts import keeping_the_best
 from lockstep.cli.messages import messages_row
+from lockstep.lmi.diagnosis.open_loop import softer
 from lockstep.lmi.specification.defaults import TRIED
 from lockstep.model.agents.arguments import units_text
 from lockstep.model.problem.tables.toml_text import value_text
@@ -21,7 +22,6 @@ SLOWER = ", and is more than is proved of the controllers that ship: ask for a `
 WORSE = ": these controllers make it worse; is the period too long?"
 LOCAL = "while every agent stays in its domain"
 ONLY = "the continuous controllers only, NOT those that ship (below)"
-SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
 NOTHING = "nothing is proved"
 CONVERGES = "every disagreement at {:.6g} 1/s or faster, of the continuous controllers"
 FLOOR = "rho >= {:.10g}: no controllers can certify less (proved)"
@@ -140,7 +140,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     idle = (WORSE if rho > alone >= content["rho"] else little) if alone and rho > 0.9 * alone else ""
     fast, kept = figures.get("decay_alone"), content["sampled"].get("rate") or content["decay"] or 0.0
     idle = idle or (f"; {fast:.3g} 1/s, which is proved{SLOWER * (0.9 * fast > kept)}" if fast else "")
-    part, soft = figures["part_of_states"], figures.get("static_response")
+    part, soft = figures["part_of_states"], softer(figures)
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     yes, local = f"{'yes' if ships else ONLY}, proof: {content['proof']}", content.get("scope") == "local"
@@ -156,7 +156,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **({"gain uncertainty": fragility} if fragility else {}),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             **static,
-            **({"constant disturbance": SOFT.format(**soft)} if soft and soft["times"] > 1.1 else {}),
+            **({"constant disturbance": soft} if soft else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),
             **_defaults(figures),

@@ -65,7 +65,8 @@ def insistent_interrupts() -> Iterator[None]:
 def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
     """Let an interrupt of a search, or of the proof of its gains, end it with the best so far; a second one is as ever.
 
-    SIGTERM does, too, which `timeout` and cluster schedulers send.
+    SIGTERM does, too, which `timeout` and cluster schedulers send, however often: `timeout` sends it to the command and then
+    to its group, so that the command has it twice.
     """
     from lockstep.lmi.search.stopping import Stop
 
@@ -77,6 +78,8 @@ def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
         def take(number: int, frame: FrameType | None) -> None:
             if stop.take():
                 say("ending the search; the best gains so far are proved and kept, if any (Ctrl-C again: no)")
+            elif number == signal.SIGTERM:
+                pass
             elif callable(handler := before[signal.Signals(number)]):
                 handler(number, frame)
             else:

@@ -20,6 +20,7 @@ from lockstep.codegen.one_image import OneImage, Table
 from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.codegen.spec import CodegenSpec, Controller, LinearPlant, MessageLimits, Neighbour, Signal
 from lockstep.lmi.analysis.decimals import round_down
+from lockstep.lmi.diagnosis.open_loop import softer
 from lockstep.lmi.document import Stored
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.lmi.shapes import Vector
@@ -229,6 +230,7 @@ def _datasheet(stored: Stored) -> dict[str, str | float | bool | None]:
         "where": where + (MOVED + EQUAL * stored.problem.graph().is_undirected if moves_all(stored) else ""),
         "distance, disagreement": "the root of the sum over agents and states of (x - mean)^2, in the units of the states",
         "scope": scope,
+        **({"constant disturbance": soft} if (soft := softer(stored.info.get("figures", {}))) else {}),
         "disturbances": _counted(stored),
         **({"weighed": said} if (said := _weighed(stored)) else {}),
         "rho": claims.rho,

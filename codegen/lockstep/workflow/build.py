@@ -113,6 +113,7 @@ def build(
         ProblemError: bad input, or a folder that cannot be written.
         ClaimError: no gains were found, or none that are certified; nothing is written.
     """
+    from lockstep.lmi.diagnosis.open_loop import softer
     from lockstep.report import make_report
 
     folder = Path(folder)
@@ -136,7 +137,8 @@ def build(
         points = trade_off_points(made.stored, others, progress) if trade_off else ()
         progress("drawing the report", 0.5)
         report = make_report(files, made.stored, checks, verified, points, source)
-        written, notes = _written(files, report, folder), report.notes
+        soft = [f"a constant disturbance {said}"] if (said := softer(made.document()["figures"])) else []
+        written, notes = _written(files, report, folder), (*report.notes, *soft)
     return Build(folder, checks, made, verified, (*wrong, *open_claims), notes, written)
 
 

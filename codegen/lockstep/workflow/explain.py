@@ -14,6 +14,7 @@ import numpy as np
 
 from lockstep.check.continuous.initial_set import axes_text
 from lockstep.lmi.analysis.decimals import above, below
+from lockstep.lmi.diagnosis.open_loop import softer
 from lockstep.lmi.initial_set import sampled_rate
 from lockstep.model.checks.plausibility import WRONG_SIGN, unstable_alone
 from lockstep.model.html_table import html_table
@@ -295,9 +296,7 @@ def _others(found: DesignVerdict) -> Iterator[Statement]:
 def _assumed(found: DesignVerdict) -> Iterator[Statement]:
     problem = found.design.problem
     yield Statement(
-        "model",
-        problem.file.agent.name,
-        "The agents obey the equations of the file; parameters are as given.",
+        "model", problem.file.agent.name, "The agents obey the equations of the file, with its parameters."
     )
     if found.verdict.scope == "local":
         sides = ", ".join(
@@ -316,9 +315,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
             "all of them",
             "Every message of a neighbour arrives, but where a statement above names what is lost or late.",
         )
-        clipped = (
-            ", but where a statement above is of clipped inputs" if found.verdict.proves("clipped") else ""
-        )
+        clipped = ", but where a statement above is of clipped inputs" * found.verdict.proves("clipped")
         yield Statement(
             "actuators",
             "unclipped",
@@ -358,6 +355,14 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
             "not claimed",
             "Nothing is proved of when an actuator saturates: smaller gains (`order = 0` where it is higher, a lower"
             " `gain_limit`), or states counted in units in which they are of size one, may change that.",
+        )
+    figures = found.design.document()["figures"]
+    if said := softer(figures):
+        what = "If loads that stay are what matters, simulate them, and beside that `--controllers off`."
+        yield Statement("constant disturbance", said, what)
+    if alone := figures.get("rho_alone"):
+        yield Statement(
+            "open loop", f"rho {alone:.4g}", "With u = 0, computed: what controllers are held against."
         )
     if found.sampled.get("certified") is True and (shown := noise_on_inputs(found.design.stored)):
         yield Statement(

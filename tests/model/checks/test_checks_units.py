@@ -168,6 +168,28 @@ def test_numbers_that_look_like_factors_between_units_are_noted(v, noted):
     )
 
 
+@pytest.mark.parametrize(
+    ("value", "unit", "noted"),
+    [
+        (1000.0, "mm/m", ""),
+        (100.0, "mm/m", "100 mm/m is 0.1"),
+        (1.0, "mm/m", "1 mm/m is 0.001"),
+        (5.0, "mm/m", ""),
+        (1000.0, "1", "1000 in the formulas"),
+    ],
+)
+def test_what_converts_a_unit_is_the_number_1(value, unit, noted):
+    """1000 mm are 1 m. A slope of 5 mm/m is one, and converts nothing; 1000 without a unit may."""
+    units = {**UNITS, "x": "mm", "v": "mm/s", "y1": "mm", "k": "N/mm", "c": "N s/mm", "f": unit}
+    if unit == "1":
+        units = {**UNITS, "f": unit}
+    found = rows(
+        {**SPRING, "v": "f*(u - k*x - c*v)/m"}, units, parameters={"k": 2.0, "m": 2.0, "c": 2.0, "f": value}
+    )
+    assert [row.verdict for row in found] == ["note"] * bool(noted)
+    assert all(noted in row.figure for row in found)
+
+
 def test_check_decides_units_before_it_looks_for_a_bound(monkeypatch):
     monkeypatch.setattr(check, "bound_of", None)
     wrong = problem({**SPRING, "v": "u - k*x - c*v/m"}, units=UNITS, parameters=dict.fromkeys("kmc", 2.0))

@@ -9,12 +9,9 @@ from lockstep.codegen.emission.emit import claims
 LINES = {"proved": "Proved", "covers": "Covered", "assumes": "Assumed", "remains": "Ultimate bound"}
 LINES |= {"where": "Consensus trajectory", "messages": "Messages", "formation": "Formation"}
 LINES |= {"leader": "Leader", "decay": "Convergence", "decay_sampled": "Convergence, sampled"}
-LINES |= {"controllers": "Controllers", "limits": "No saturation"}
-LINES |= {
-    "disturbances": "Disturbances",
-    "limits_gain": "No saturation, disturbed",
-    "clipped": "With saturation",
-}
+LINES |= {"controllers": "Controllers", "limits": "No saturation", "disturbances": "Disturbances"}
+LINES |= {"limits_gain": "No saturation, disturbed", "clipped": "With saturation"}
+LINES |= {"constant disturbance": "Constant disturbance"}
 """Keys of the manifest's certificate, which `lockstep.codegen.from_design` fills."""
 
 

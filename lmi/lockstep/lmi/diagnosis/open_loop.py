@@ -1,6 +1,8 @@
 """What agents do without controllers, and controllers without their states: a design that hardly betters it is idle."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,14 @@ from lockstep.check.system.loop import Gains
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.analysis.unit_scaling import scaled
 from lockstep.model.network import Network
+
+SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (computed); rho is of the worst frequency"
+
+
+def softer(figures: Mapping[str, Any]) -> str:
+    """Return what a constant disturbance moves by a tenth or more further apart than for u = 0, of a design's figures."""
+    soft = figures.get("static_response")
+    return SOFT.format(**soft) if soft and soft["times"] > 1.1 else ""
 
 
 def rho_alone(network: Network, claim: Claim) -> float | None:

@@ -120,10 +120,8 @@ class _Printed:
             columns += [P @ way for way, _ in ways]
             squares += [tau[j] * np.eye(way.shape[1]) for way, j in ways]
         columns += [P @ top, tau[4] * top]
-        squares += [
-            tau[4] * np.eye(n_d),
-            _diagonal([self.gamma[i] * np.eye(self.n) for i in range(self.N - 1)]),
-        ]
+        gamma = _diagonal([self.gamma[i] * np.eye(self.n) for i in range(self.N - 1)])
+        squares += [tau[4] * np.eye(n_d), gamma]
         weights = block_diag(*[self.R] * (self.N - 1), *[self.Q] * (self.N if n_c else 0))
         head = self._Phi() + self._Delta() + weights
         side = cp.hstack(columns)

@@ -19,7 +19,7 @@ from lockstep.check.errors import ProblemError
 from lockstep.check.system.loop import Gains
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import middle, state_sizes
-from lockstep.model.checks.proved.dimensions import check_units
+from lockstep.model.checks.proved.dimensions import check_units, dimension
 from lockstep.model.checks.report import CheckRow
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.loop_transformation.natural_units import step_response
@@ -126,8 +126,10 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
     """
     agent, reason = problem.agent(), "a formula whose units do not fit is seldom the plant"
     in_degrees = [j for j in sorted(angles(agent)) if agent.units.get(agent.states[j]) in DEGREES]
+    off = list[tuple[str, str]]()
     try:
         check_units(problem.file.agent)
+        off += _not_one(problem.file.agent)
     except ProblemError as error:
         wrong = _degrees(agent.states[in_degrees[0]]) if in_degrees else error
         if refuse:
@@ -140,6 +142,9 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         figure = f"{kelvin[0]} is in K and {celsius[0]} in degC: 0 degC is 273.15 K, but formulas take them as one unit"
         reason = "of a difference of temperatures they are; a temperature that is 273 off is seldom the plant"
         yield CheckRow("units", "note", figure, reason)
+    for name, said in off:
+        figure = f"{name} = {said}: if it converts units it is off, since what converts is 1"
+        yield CheckRow("units", "note", figure, "a factor of ten between units fits every dimension")
     if factors := ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent))):
         figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"
         hides = "a factor between units that is forgotten, or stands where none is due, hides among numbers"
@@ -154,14 +159,29 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         )
 
 
+def _not_one(table: AgentTable) -> Iterator[tuple[str, str]]:
+    """Yield parameters that are powers of ten in a unit such as mm/m, a ratio of one kind, without being the number 1."""
+    for name, unit in table.units.items():
+        powers, value = dimension(unit, name), table.parameters.get(name, 0.0)
+        if "/" in unit and {*powers} == {"10"} and value > 0 and _is_power_of_ten(value):
+            number = float(f"{value * 10 ** powers['10']:.6g}")
+            if number != 1:
+                yield name, f"{value:g} {unit} is {number:g}"
+
+
+def _is_power_of_ten(value: float) -> bool:
+    return f"{value:.9e}".startswith("1.000000000e")
+
+
 def _powers_of_ten(table: AgentTable) -> set[float]:
-    """Return the numbers of the dynamics that look like factors between units, where every parameter has one."""
+    """Return the numbers of the dynamics, and parameters in "1", that look like factors between units, where all have one."""
     if not table.parameters or not table.parameters.keys() <= table.units.keys():
         return set()
     trees = (ast.parse(text.strip(), mode="eval") for text in table.dynamics.values())
     numbers = (node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
-    sizes = {float(one) for one in numbers if isinstance(one, int | float) and one > 0}
-    return {one for one in sizes if not 0.02 < one < 50 and f"{one:.9e}".startswith("1.000000000e")}
+    pure = [value for name, value in table.parameters.items() if table.units[name] == "1"]
+    sizes = {float(one) for one in (*numbers, *pure) if isinstance(one, int | float) and one > 0}
+    return {one for one in sizes if not 0.02 < one < 50 and _is_power_of_ten(one)}
 
 
 def _degrees(state: str) -> ProblemError:
