@@ -48,7 +48,10 @@ class Network:
 
     def __post_init__(self) -> None:
         shape = self.agent.lure.B.shape
-        B = tuple(reals(b, "B", "network") for b in self.B) or (self.agent.lure.B,) * self.graph.N
+        B = (
+            tuple(reals(b, "B", f"agent {i}") for i, b in enumerate(self.B, start=1))
+            or (self.agent.lure.B,) * self.graph.N
+        )
         for i, b in enumerate(B):
             found = f"`B` is {b.shape[0]} x {b.shape[1]}"
             demand(b.shape == shape, found, f"agent {i + 1}", f"{shape[0]} x {shape[1]}")

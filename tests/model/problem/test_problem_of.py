@@ -243,7 +243,7 @@ ONES = [np.array([[0.0], [1.0]])] * 3
     [
         (ONES, "B: 3 input matrices for 4 agents; expected one B per agent"),
         ([*ONES, np.ones((1, 2))], "agent 4: `B` is 1 x 2; expected 2 x 1"),
-        ([*ONES, np.array([[np.nan], [1.0]])], "agent 4: an entry of `B` is not a finite number"),
+        ([*ONES, np.array([[np.nan], [1.0]])], r"(?s)agent 4: `B` is array.*nan.*; expected finite numbers"),
     ],
 )
 def test_input_matrices_that_do_not_fit_are_refused(B, told: str) -> None:

@@ -80,7 +80,7 @@ def _network(
 def _matrices(
     agent: Agent, graph: Graph, B: Sequence[Float[np.ndarray, "n m"]]
 ) -> list[Float[np.ndarray, "n m"]]:
-    matrices = [reals(b, "B", "network") for b in B] or [agent.lure.B] * graph.N
+    matrices = [reals(b, "B", f"agent {k}") for k, b in enumerate(B, start=1)] or [agent.lure.B] * graph.N
     expected = "one B per agent"
     demand(len(matrices) == graph.N, f"{len(matrices)} input matrices for {graph.N} agents", "B", expected)
     for k, b in enumerate(matrices, start=1):
