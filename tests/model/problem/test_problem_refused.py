@@ -178,6 +178,7 @@ from lockstep.model import ProblemError, load_problem, parse_problem
         ("horizon = 5", 'initial = "zero"', ["[simulation] initial", '"zero"', "random"]),
         ("horizon = 5", "initial = [[1, 2], [1, 2]]", ["[simulation] initial", "2 rows for 3 agents"]),
         ("horizon = 5", "initial = [[1, 2], [1], [2, 3]]", ["[simulation] initial", "row 2 has 1 numbers"]),
+        ("horizon = 5", "initial = [[1,5, 2], [1, 0], [2, 3]]", ["row 1 has 3 numbers", "0.5, not 0,5"]),
         ("horizon = 5", "initial = [[1, nan], [1, 0], [2, 3]]", ["[simulation] initial", "nan"]),
         ("horizon = 5", 'disturbance = { kind = "chaos" }', ["[simulation.disturbance] kind", '"noise"']),
         ("[network]", "[network", ["not TOML", "line 13, column"]),

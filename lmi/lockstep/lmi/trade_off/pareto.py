@@ -178,10 +178,8 @@ def _steps(problem: Problem, claim: Claim, decay: float) -> Iterator[tuple[str, 
         [_Step(f"weight of u times {k:g}", replace(claim, W=k * W), limit, held) for k in INPUTS],
     )
     noise = claim.outputs if claim.outputs.any() else np.full(len(problem.file.agent.outputs), 1e-2)
-    yield (
-        "noise",
-        [_Step(f"noise times {k:g}", replace(claim, outputs=k * noise), limit, held) for k in NOISES],
-    )
+    noisy = [_Step(f"noise times {k:g}", replace(claim, outputs=k * noise), limit, held) for k in NOISES]
+    yield "noise", noisy
     held_more = [float(f"{part * decay:.3g}") for part in DECAYS if part * decay > held]
     yield "decay", [_Step(f"decay {sigma:g} 1/s held", claim, limit, sigma) for sigma in held_more]
 

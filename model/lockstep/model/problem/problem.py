@@ -20,6 +20,7 @@ from lockstep.check.sampled.links import Messages
 from lockstep.check.system.graph_family import SpectrumRange
 from lockstep.model.agents.agent import Agent
 from lockstep.model.agents.state_sizes import random_range
+from lockstep.model.formulas.confusables import DECIMAL_POINT
 from lockstep.model.graphs.graph import Graph
 from lockstep.model.graphs.membership import Membership
 from lockstep.model.graphs.sparse_graph import SparseGraph
@@ -384,7 +385,8 @@ class Problem:
             return self.random_states(N, self.simulation.seed if seed is None else seed)
         where = "[simulation] initial"
         for k, row in enumerate(given, start=1):
-            demand(len(row) == n, f"row {k} has {len(row)} numbers", where, f"{n}, one per state")
+            found, remedy = f"row {k} has {len(row)} numbers", DECIMAL_POINT * (len(row) > n)
+            demand(len(row) == n, found, where, f"{n}, one per state", remedy)
         demand(len(given) == N, f"{len(given)} rows for {N} agents", where, "one row per agent")
         return np.array(given, dtype=float)
 

@@ -44,9 +44,8 @@ class PaperPerturbation:
         """Return the errors; `since` does not matter."""
         sin, cos = np.sin, np.cos
         block = np.zeros((len(t), 3, 2 + self.q))
-        block[:, :2, :2] = 0.5 * np.array([[sin(3 * t), sin(5 * t)], [sin(2 * t), cos(2 * t)]]).transpose(
-            2, 0, 1
-        )
+        both = np.array([[sin(3 * t), sin(5 * t)], [sin(2 * t), cos(2 * t)]])
+        block[:, :2, :2] = 0.5 * both.transpose(2, 0, 1)
         block[:, :2, 2:] = 0.2 * np.array([sin(2 * t), cos(2 * t)]).T[:, :, None]
         block[:, 2, :2] = 0.2 * np.array([cos(t), sin(4 * t)]).T
         block[:, 2:, 2:] = 0.2 * sin(t)[:, None, None]

@@ -97,9 +97,8 @@ def _one(location: Location, kind: str, value: Any) -> ProblemError:
     subject = f"`{name}` is" if isinstance(location[-1], str) else "found"
     choices = re.findall(r'"(\w+)"', expected) if kind == "literal_error" else []
     remedy = nearest(value, choices) if isinstance(value, str) else ""
-    return ProblemError(
-        f"{subject} {_shown(value)}", where=toml_path(location), expected=expected, remedy=remedy
-    )
+    found, where = f"{subject} {_shown(value)}", toml_path(location)
+    return ProblemError(found, where=where, expected=expected, remedy=remedy)
 
 
 def _unknown(location: Location) -> ProblemError:
