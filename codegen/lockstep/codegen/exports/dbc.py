@@ -78,10 +78,8 @@ def _frames(manifest: Manifest) -> list[dict[str, Any]]:
 
 def _signal(output: Named, k: int, manifest: Manifest) -> dict[str, Any]:
     """Return a signal; where only one end of its range is given a DBC has no word for it, and 0|0 says that there is none."""
-    bit, ends = (
-        8 * (HEAD + manifest.real_type.bytes * k),
-        limits_of(manifest).ranges.get(output.name, (None,)),
-    )
+    bit = 8 * (HEAD + manifest.real_type.bytes * k)
+    ends = limits_of(manifest).ranges.get(output.name, (None, None))
     span = (0, 0) if None in ends else ends
     return {"name": output.name, "unit": _quoted(output.unit), "bit": bit, "span": span}
 
