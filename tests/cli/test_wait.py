@@ -197,9 +197,12 @@ def test_what_ends_a_job_keeps_the_best_as_well(of_keyboard):
     """`timeout` and schedulers send SIGTERM; of a command in the background interrupts from the keyboard are ignored."""
     before = signal.signal(signal.SIGINT, of_keyboard), signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        with keeping_the_best(lambda _said: None) as stop, stop.searching():
-            signal.raise_signal(signal.SIGTERM)
-            signal.raise_signal(signal.SIGTERM)  # as `timeout` does: to the command, then to its group
+        with keeping_the_best(lambda _said: None) as stop:
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)  # before there is anything to keep it ends the command
+            with stop.searching():
+                signal.raise_signal(signal.SIGTERM)
+                signal.raise_signal(signal.SIGTERM)  # as `timeout` does: to the command, then to its group
             assert stop.asked
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
         assert signal.getsignal(signal.SIGINT) is of_keyboard

@@ -78,7 +78,7 @@ def keeping_the_best(say: Callable[[str], None]) -> Iterator["Stop"]:
         def take(number: int, frame: FrameType | None) -> None:
             if stop.take():
                 say("ending the search; the best gains so far are proved and kept, if any (Ctrl-C again: no)")
-            elif number == signal.SIGTERM:
+            elif stop.asked and number == signal.SIGTERM:
                 pass
             elif callable(handler := before[signal.Signals(number)]):
                 handler(number, frame)

@@ -362,7 +362,9 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         yield Statement("constant disturbance", said, what)
     if alone := figures.get("rho_alone"):
         yield Statement(
-            "open loop", f"rho {alone:.4g}", "With u = 0, computed: what controllers are held against."
+            "open loop",
+            f"rho {alone:.4g}",
+            "With u = 0, computed: what controllers are worth is how far they are below it.",
         )
     if found.sampled.get("certified") is True and (shown := noise_on_inputs(found.design.stored)):
         yield Statement(

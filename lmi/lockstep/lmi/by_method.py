@@ -92,7 +92,7 @@ def _not_carried(network: Network, gains: Gains, claim: Claim, error: NotCertifi
         return NotCertified(f"{error}: {said}", **error.figures)
     part = largest_fraction(network.loop(gains.order), gains.blocks, claim, 0.0)
     alpha = part * claim.alpha
-    said = f"they have one for slopes up to {alpha:.6g}, {part:.3g} of it: try others, or an [agent.domain] of smaller slopes"
+    said = f"one is computed for slopes up to {alpha:.6g}, {part:.3g} of it: try others, or a smaller [agent.domain]"
     return NotCertified(f"{error}; {said}", **error.figures, fraction=part, reachable_alpha=alpha)
 
 

@@ -127,4 +127,4 @@ def test_gains_whose_proof_failed_are_not_said_to_be_unstable() -> None:
     gains = Gains.from_blocks(np.full((network.N, 1, 1), -2.0), 0)
     said = _not_carried(network, gains, asked, NotCertified("the candidate did not survive"))
     assert "unstable" not in str(said)
-    assert "they have one for slopes up to" in str(said)
+    assert "one is computed for slopes up to" in str(said)

@@ -301,7 +301,7 @@ def test_given_gains_without_a_certificate_say_how_much_they_carry() -> None:
         scalar(f'method = "given"\norder = 0\n[[design.gains]]\nD = [[{d}]]\n[[design.gains]]\nD = [[{d}]]')
         for d in (-0.25, 1.0)
     )
-    with pytest.raises(NotCertified, match="they have one for slopes up to") as found:
+    with pytest.raises(NotCertified, match="one is computed for slopes up to") as found:
         design(weak)
     assert found.value.figures["fraction"] == pytest.approx(0.5, abs=0.02)
     with pytest.raises(NotCertified, match="the linear loop of the given gains is unstable, Re s = 2"):
@@ -330,9 +330,9 @@ def test_how_much_is_carried_is_the_same_in_metres_and_pascals() -> None:
     """With the weights that the defaults have in these units 0 was said to be, of gains that carry more than half."""
     states = "states = { h = 1.0, v = 20.0, p = 1e5 }, outputs = { gap = 4e-4, pressure = 50.0 }"
     weighed = f"weights = {{ state = [1.0, 0.003, 5e-11], input = 2e-6 }}\ndisturbances = {{ {states} }}"
-    with pytest.raises(NotCertified, match="they have one for slopes up to") as millimetres:
+    with pytest.raises(NotCertified, match="one is computed for slopes up to") as millimetres:
         design(cushions(1e-3, 1e3, ""))
-    with pytest.raises(NotCertified, match="they have one for slopes up to") as metres:
+    with pytest.raises(NotCertified, match="one is computed for slopes up to") as metres:
         design(cushions(1.0, 1.0, weighed))
     part = millimetres.value.figures["fraction"]
     assert 0.5 < part < 0.9

@@ -82,7 +82,7 @@ def test_of_a_small_loop_all_that_are_asked_for_are_pursued(monkeypatch):
 def test_where_larger_gains_are_next_half_of_the_starts_show_that_none_is_stable(
     monkeypatch, stable, last, begun
 ):
-    """Gains up to 0.9 stabilise no two magnetic bearings: 16 starts of them took as long as the search that did."""
+    """Of two magnetic bearings no start is stable with gains up to 0.9, and the next attempt has larger ones."""
     done = searched(monkeypatch, [np.inf], set(), eliminates=False, stable=stable, last=last)
     assert len(of(done, "begun")) == begun
 

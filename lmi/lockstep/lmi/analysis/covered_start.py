@@ -53,11 +53,14 @@ def limits_answer(claims: SampledClaims, problem: Problem, *, local: bool = Fals
 
     Of a design on a domain (local) no start that is out of it is covered.
     """
+    sets = {
+        "": (claims.radius, claims.half_axes),
+        "clipped_": (claims.clipped_radius, claims.clipped_half_axes),
+    }
     found: dict[str, Any] = {"gain": claims.limits_gain}
     away, agent = initial_deviations(problem), problem.file.agent
     most = times_in_domain(problem, away) if local else math.inf
-    for name in ("", "clipped_"):
-        radius, axes = getattr(claims, f"{name}radius"), getattr(claims, f"{name}half_axes")
+    for name, (radius, axes) in sets.items():
         found[f"{name}radius"] = radius
         if axes:
             found[f"{name}half_axes"] = dict(zip(agent.states, axes, strict=True))

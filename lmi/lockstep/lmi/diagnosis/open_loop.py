@@ -16,7 +16,7 @@ SOFT = "of {of} moves {moves} {times:.3g} times as far apart as u = 0 does (comp
 
 
 def softer(figures: Mapping[str, Any]) -> str:
-    """Return what a constant disturbance moves by a tenth or more further apart than for u = 0, of a design's figures."""
+    """Say what a constant disturbance moves a tenth or more further apart than u = 0 does; "" where it moves nothing so."""
     soft = figures.get("static_response")
     return SOFT.format(**soft) if soft and soft["times"] > 1.1 else ""
 

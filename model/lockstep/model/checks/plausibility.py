@@ -143,7 +143,7 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
         reason = "of a difference of temperatures they are; a temperature that is 273 off is seldom the plant"
         yield CheckRow("units", "note", figure, reason)
     for name, said in off:
-        figure = f"{name} = {said}: if it converts units it is off, since what converts is 1"
+        figure = f"{name} = {said}: to convert units it would have to be 1"
         yield CheckRow("units", "note", figure, "a factor of ten between units fits every dimension")
     if factors := ", ".join(f"{one:g}" for one in sorted(_powers_of_ten(problem.file.agent))):
         figure = f"{factors} in the formulas: taken as pure numbers; what converts a unit is checked if it is a parameter"

@@ -258,10 +258,10 @@ def dimension(text: str, name: str) -> Powers:
         if hasattr(unit, "units"):  # by a difference: degC and K are one
             one, two = (_registry().Quantity(k, unit.units).to_base_units().magnitude for k in (1, 2))
             powers["10"] = math.log10(unit.magnitude * (two - one))
-    except (PintError, ArithmeticError, AttributeError, KeyError, SyntaxError, TypeError, ValueError) as no:
+    except (PintError, ArithmeticError, AttributeError, KeyError, SyntaxError, TypeError, ValueError) as err:
         power = re.sub(r"(?<![\w.])([A-Za-z]+)(\d)", r"\1^\2", text)
         raise ProblemError(
-            f"`{text}` is no unit: {no}",
+            f"`{text}` is no unit: {err}",
             where=f"[agent.units] {name}",
             expected='a unit as pint reads it, such as "rad/s^2" or "N m", or "1" for a pure number',
             remedy=f"a power is written with ^: `{power}`" if power != text else "",
