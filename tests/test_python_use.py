@@ -141,7 +141,7 @@ gains = [{ D = [[0.3]] }, { D = [[0.3]] }]
 """
     (tmp_path / "soft.toml").write_text(text, encoding="utf-8")
     built = lockstep.build(tmp_path / "soft.toml", tmp_path / "soft")
-    said = "of v moves x 2.5 times as far apart as u = 0 does (computed)"
+    said = "of v moves y 2.5 times as far apart as u = 0 does (computed)"
     assert any(said in note for note in built.notes)
     readme, report = ((tmp_path / "soft" / name).read_text("utf-8") for name in ("README.md", "report.html"))
     header = " ".join((tmp_path / "soft/include/spring1.h").read_text("utf-8").replace("\n *", "").split())
@@ -149,6 +149,28 @@ gains = [{ D = [[0.3]] }, { D = [[0.3]] }]
     for shown in (readme, report, header, told["constant disturbance"]):
         assert said in shown
     assert lockstep.certify(tmp_path / "soft")
+
+
+def test_a_current_that_carries_the_load_does_not_count_as_softer(tmp_path):
+    """v' = -v + 2 i + xi, i' = -3 i - v + u, u = -3 v_d for two: v_d = 3 xi_d / 11, 3/5 xi_d without; i_d 20/11 as far."""
+    text = """
+[agent]
+name = "motor"
+states = ["v", "i"]
+inputs = ["u"]
+dynamics = { v = "-v + 2*i", i = "-3*i - v + u" }
+outputs = { speed = "v" }
+[network]
+agents = 2
+topology = "complete"
+[design]
+method = "given"
+gains = [{ D = [[-1.5]] }, { D = [[-1.5]] }]
+"""
+    (tmp_path / "motor.toml").write_text(text, encoding="utf-8")
+    told = lockstep.design(tmp_path / "motor.toml").document()["figures"]["static_response"]
+    assert told["moves"] == "speed"
+    assert told["times"] == pytest.approx(5 / 11, rel=1e-9)
 
 
 def test_a_refuted_design_is_false_and_the_claim_has_its_name(arms):

@@ -358,8 +358,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         )
     figures = found.design.document()["figures"]
     if said := softer(figures):
-        what = "If loads that stay are what matters, simulate them, and beside that `--controllers off`."
-        yield Statement("constant disturbance", said, what)
+        yield Statement("constant disturbance", said, "`simulate` shows both, with `--controllers off`.")
     if alone := figures.get("rho_alone"):
         yield Statement(
             "open loop",

@@ -186,14 +186,15 @@ def modal(posed: Posed, tell: Progress) -> Proposal:
 
 
 def _figures(problem: Problem, network: Network, gains: Gains) -> dict[str, Any]:
-    loop = network.loop(gains.order)
-    poles = np.linalg.eigvals(loop.A_cl(gains.blocks))
-    found = {"abscissa": float(poles.real.max()), "gain_norms": problem.gain_norms(gains.blocks)}
-    scales, names = problem.performance.states, problem.agent().states
-    times = static_response(loop, gains) * (scales > 0 if len(scales) else 1.0)
+    loop, scales, agent = network.loop(gains.order), problem.performance.states, problem.agent()
+    rows, names = np.vstack([loop.plant.C, np.eye(len(agent.states))]), (*agent.outputs, *agent.states)
+    times = static_response(loop, gains, rows) * (scales > 0 if len(scales) else 1.0)
+    # A state that carries the load, such as a motor's current, has to move: what is measured counts where it says any.
+    times[len(agent.outputs) :] *= not times[: len(agent.outputs)].any()
     i, j = np.unravel_index(int(times.argmax()), times.shape)
-    most = {"of": names[j], "moves": names[i], "times": float(times[i, j])}
-    return found | {"static_response": most if times.any() else None}
+    most = {"of": agent.states[j], "moves": names[i], "times": float(times[i, j])} if times.any() else None
+    norms = problem.gain_norms(gains.blocks)
+    return {"abscissa": abscissa(network, gains, modal=False), "gain_norms": norms, "static_response": most}
 
 
 def _floor(

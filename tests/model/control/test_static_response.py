@@ -19,31 +19,44 @@ def loop_of(A: list[list[float]], order: int = 0):
     )
 
 
+MEASURED = np.array([[1.0, 0.0]])
+
+
 def static(D: float) -> Gains:
     return Gains(*((np.zeros(shape),) * 2 for shape in ((0, 0), (0, 1), (1, 0))), (np.array([[D]]),) * 2)
 
 
 @pytest.mark.parametrize(("D", "times"), [(1.0, 2.0), (0.0, 1.0), (-2.0, 0.5)])
 def test_a_spring_that_controllers_make_softer_or_stiffer(D, times):
-    """v' = -4 p - v + D r + xi, and r = 2 p of the difference: p_d = xi_d / (4 - 2 D), and xi_d / 4 for u = 0."""
-    assert static_response(loop_of([[0.0, 1.0], [-4.0, -1.0]]), static(D))[0, 1] == pytest.approx(
-        times, rel=1e-12
-    )
+    """v' = -4 p - v + D r + xi, and r = 2 p of the difference: p_d = xi_d / (4 - 2 D), and xi_d / 4 for u = 0.
+
+    No load enters p' = v.
+    """
+    found = static_response(loop_of([[0.0, 1.0], [-4.0, -1.0]]), static(D), MEASURED)
+    assert found == pytest.approx(np.array([[0.0, times]]), rel=1e-12)
 
 
-def test_on_the_diagonal_is_the_rate_of_another_but_for_agents_of_one_state():
-    assert not np.diag(static_response(loop_of([[0.0, 1.0], [-4.0, -1.0]]), static(1.0))).any()
-    assert static_response(loop_of([[-4.0]]), static(1.0)) == pytest.approx(2.0, rel=1e-12)
+def test_a_load_on_what_is_measured_itself_counts():
+    """x' = -4 x + D r + xi, r = 2 x_d; and a speed with a current that pushes it: v' = -v + 2 i + xi, i' = -3 i + u."""
+    assert static_response(loop_of([[-4.0]]), static(1.0), np.eye(1)) == pytest.approx(2.0, rel=1e-12)
+    speed = static_response(loop_of([[-1.0, 2.0], [0.0, -3.0]]), static(-1.5), MEASURED)
+    assert speed[0, 0] == pytest.approx(1 / 3, rel=1e-12)  # 3 i_d = -3 v_d, so v_d = xi_d / (1 + 2)
+
+
+def test_an_output_that_weighs_states_is_moved_as_they_are():
+    """x' = -x, p' = -4 p + D r beside it, and y = x + p: D = 0 leaves both, whatever is weighed."""
+    found = static_response(loop_of([[-1.0, 0.0], [0.0, -4.0]]), static(0.0), np.array([[1.0, 1.0]]))
+    assert found == pytest.approx(1.0, rel=1e-12)
 
 
 def test_agents_that_do_not_settle_by_themselves_have_nothing_to_compare_with():
-    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0)).any()
+    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0), MEASURED).any()
 
 
 def test_a_mode_at_zero_that_doubles_take_for_stable_has_nothing_to_compare_with(monkeypatch):
     """An angle that nothing holds has an eigenvalue 0, in doubles of either sign, by the processor."""
     monkeypatch.setattr(np.linalg, "eigvals", lambda M: np.full(len(M), -1e-17))
-    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0)).any()
+    assert not static_response(loop_of([[0.0, 1.0], [0.0, -1.0]]), static(-2.0), MEASURED).any()
 
 
 @pytest.mark.parametrize("leak", [0.01, 1.0])
@@ -51,7 +64,7 @@ def test_a_controller_that_nearly_integrates_leaves_little_of_a_load(leak):
     """x_C' = -leak x_C + r, u = -x_C - r: D = -1 - 1/leak in the end."""
     one = [np.array([[value]]) for value in (-leak, 1.0, -1.0, -1.0)]
     response = static_response(
-        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one))
+        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one)), MEASURED
     )
     assert response[0, 1] == pytest.approx(4 / (4 + 2 + 2 / leak), rel=1e-12)
 
@@ -60,7 +73,7 @@ def test_controllers_that_keep_a_sum_for_ever_have_no_response():
     """Both integrate, of two that hear each other: what x_C sums up to stays, and A_cl is singular."""
     one = [np.array([[value]]) for value in (0.0, 1.0, -1.0, -1.0)]
     assert not static_response(
-        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one))
+        loop_of([[0.0, 1.0], [-4.0, -1.0]], 1), Gains(*((block,) * 2 for block in one)), MEASURED
     ).any()
 
 
@@ -74,7 +87,7 @@ def test_what_moves_nothing_without_controllers_has_no_response(monkeypatch):
     ]
     true = np.linalg.inv
     monkeypatch.setattr(np.linalg, "inv", lambda M: true(M) + 1e-16 * (np.abs(true(M)) < 1e-12))
-    response = static_response(loop_of(A), static(-1e-3))
+    response = static_response(loop_of(A), static(-1e-3), np.eye(4))
     assert not response[:3, 3].any()
     assert not response[:2, 2].any()
     assert response[3, :3] == pytest.approx(1.0, rel=0.05)
