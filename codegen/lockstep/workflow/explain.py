@@ -358,7 +358,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
         )
     figures = found.design.document()["figures"]
     if said := softer(figures):
-        yield Statement("constant disturbance", said, "`simulate` shows both, with `--controllers off`.")
+        yield Statement("constant disturbance", said, "`simulate --controllers off` shows what u = 0 does.")
     if alone := figures.get("rho_alone"):
         yield Statement(
             "open loop",
