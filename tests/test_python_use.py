@@ -173,6 +173,33 @@ gains = [{ D = [[-1.5]] }, { D = [[-1.5]] }]
     assert told["times"] == pytest.approx(5 / 11, rel=1e-9)
 
 
+def test_the_sampled_rho_is_without_errors_of_the_gains_and_says_so(tmp_path):
+    """Continuous x_d' = -x_d - 2 (1 +- 0.5) x_d: rho 1/2; sampled, without errors, it is nearer to 1/3."""
+    text = """
+[agent]
+name = "cell"
+states = ["x"]
+inputs = ["u"]
+dynamics = { x = "-x + u" }
+outputs = { y = "x" }
+[network]
+agents = 2
+topology = "complete"
+[controller]
+period = 0.001
+[design]
+method = "given"
+gains = [{ D = [[-1.0]] }, { D = [[-1.0]] }]
+fragility = { D = 0.5 }
+"""
+    (tmp_path / "cell.toml").write_text(text, encoding="utf-8")
+    made = lockstep.design(tmp_path / "cell.toml")
+    told = {one.name: one for one in lockstep.explain(made).proved}
+    assert made.rho == pytest.approx(0.5, rel=0.01)
+    assert made.sampled["rho"] < 0.4
+    assert "without errors of its gains" in told["rho, sampled"].text
+
+
 def test_a_refuted_design_is_false_and_the_claim_has_its_name(arms):
     content = arms.stored.document()
     assert lockstep.certify(arms)

@@ -50,7 +50,8 @@ def test_ci_finds_its_two_commands(root):
     assert "lockstep build" in commands[0]
     assert "pytest" in commands[1]
     installed = re.findall(r"```sh\n(.*?)\n```", (root / "docs" / "install.md").read_text(), flags=re.DOTALL)
-    assert installed == commands[:1], "the site shows the README's first command"
+    in_one = [block.replace("\n", " && ") for block in installed]
+    assert in_one == commands[:1], "the site shows the README's first command, a line for each part"
 
 
 SAME_DESIGN = 0.02

@@ -3,9 +3,12 @@
 import functools
 from typing import Any
 
+import numpy as np
+
 import lockstep
 from gallery_maker.measure import NAME, PER_UNIT, design_path, known
 from gallery_maker.scenes import SCENES
+from lockstep.lmi.analysis.decimals import below
 from lockstep.model.problem import Problem
 from lockstep.workflow.init import fields, init
 
@@ -45,7 +48,7 @@ beside it. Parameters are those of the source that the file names, or of its ord
 
 <div class="named">
 
-| field | rho, proved | period | flash | what it is | agents | states of each | order |
+| field | rho of the C, proved | period | flash, at most | what it is | agents | states of each | order |
 |---|---|---|---|---|---|---|---|
 {rows}
 
@@ -103,7 +106,7 @@ States {states}; inputs {inputs}{f"; parameters {values}" if values else ""}.{""
 {graph.N} agents; an arrow goes from whom an agent listens to; {reach}.
 
 {_run(field, design, measured)}
-{_proved(design)}
+{_proved(design, measured["run"]["disagreement"][0])}
 {_ships(design, measured)}
 ## Run it
 
@@ -145,7 +148,7 @@ def _count(number: int, what: str) -> str:
 def _row(field: str, problem: Problem, design: lockstep.Design, measured: dict[str, Any]) -> str:
     cells = (
         f"[{field}]({field}.md)",
-        f"{design.rho:.4g}",
+        f"{design.sampled['rho']:.4g}",
         f"{problem.controller.period:g}{_unit(problem, 's')}",
         f"{measured['costs']['flash']}{SPACE}B",
         problem.title,
@@ -186,9 +189,12 @@ agreement is {first:.3g} at first and {ended} after {after}{swing}; the largest 
 {moving}"""
 
 
-def _proved(design: lockstep.Design) -> str:
+def _proved(design: lockstep.Design, start: float) -> str:
+    """Write what is proved; start: how far from agreement the run that is shown begins."""
     claims, problem, sampled = design.stored.claims, design.problem, design.sampled
     scope = "from all states" if claims.scope == "global" else "while each agent stays in its `domain`"
+    if np.isfinite(problem.limits).any():
+        scope += ", while no input meets its limit"
     rows = [
         (
             "rho",
@@ -200,7 +206,13 @@ def _proved(design: lockstep.Design) -> str:
         rows.append(
             ("floor", f"{claims.floor:.4g}", "no controllers at all can be certified below it in this way")
         )
-    rows.append(("alpha", f"{design.alpha:.4g}", "the largest slope of the nonlinearity, proved"))
+    rows.append(
+        (
+            "alpha",
+            f"{design.alpha:.4g}",
+            "the largest slope of the nonlinearity beside its linear part, proved",
+        )
+    )
     if claims.decay is not None:
         rows.append(
             ("decay", f"{claims.decay:.3g}{_unit(problem, '1/s')}", "of every disagreement, undisturbed")
@@ -212,13 +224,23 @@ def _proved(design: lockstep.Design) -> str:
             f"of the loop that ships: {problem.controller.real}, roundings included",
         )
     )
+    if claims.initial_set is not None:
+        from_there = (
+            "every agent, undisturbed and controllers at rest, from a distance from agreement of at most this, while agent 1"
+            " stays within `[network]` `leader`: proved of the continuous controllers. The run above begins at"
+        )
+        rows.append(
+            ("stays in its domain", f"from {below(claims.initial_set.radius)}", f"{from_there} {start:.3g}")
+        )
+    elif claims.scope == "local":
+        rows.append(("stays in its domain", "not claimed", "the run above does"))
     longest = sampled.get("max_period")
     if longest:
         rows.append(
             (
                 "longest period",
                 f"{longest:.3g}{_unit(problem, 's')}",
-                "at which the same gains, sampled anew, still agree",
+                "the longest found at which the same gains, sampled anew, are certified",
             )
         )
     if problem.order:

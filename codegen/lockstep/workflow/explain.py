@@ -235,9 +235,9 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
             f"The same gains, discretised for it, still agree: {below(longest / table.period, 3)} times the period.",
         )
     if sampled.get("rho") is not None:
-        yield Statement(
-            "rho, sampled", f"{sampled['rho']:.6g}", "The same gain as rho, of the loop that ships."
-        )
+        errors = ", without errors of its gains" * any(found.design.stored.claims.fragility.values())
+        said = f"The same gain as rho, of the loop that ships{errors}."
+        yield Statement("rho, sampled", f"{sampled['rho']:.6g}", said)
     if sampled.get("rounding"):
         worst = max(max(one.values()) for one in sampled["rounding"])
         yield Statement(

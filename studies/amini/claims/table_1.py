@@ -189,7 +189,7 @@ CLAIMS = (
     PaperClaim(
         "agent-3",
         "Table 1, (39)",
-        "All three agents act on what they hear.",
+        "All three agents act alike on what they hear.",
         "refuted",
         _silent,
     ),
