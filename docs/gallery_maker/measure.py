@@ -79,8 +79,8 @@ def costs(headers: Sequence[str]) -> dict[str, int]:
         "ram": most(r"RAM +(\d+) bytes"),
         "stack": most(rf"stack +at most (\d+) bytes on [^;]*{NAME}"),
         "flash": most(rf"flash +at most (\d+) bytes on .*{NAME}"),
-        "multiplications": most(r"(\d+) multiplications"),
-        "additions": most(r"(\d+) additions"),
+        "multiplications": most(r"(\d+) multiplications?"),
+        "additions": most(r"(\d+) additions?"),
     }
 
 

@@ -36,6 +36,20 @@ def test_short_phases_are_not_a_line_each() -> None:
     assert [line.rpartition(",")[0] for line in said] == ["lockstep: comparing arm0"]
 
 
+def test_a_forecast_is_said_at_once_and_once() -> None:
+    """It stands in what is told until a first part is done, which may be sooner than a line is due."""
+    said: list[str] = []
+    with ProgressLines(said.append, patience=60.0, interval=60.0, pause=60.0) as lines:
+        for what in (
+            "proving",
+            "searching, this search likely 5 to 20 s",
+            "searching, this search likely 5 to 20 s",
+        ):
+            lines.tell(what, 0.0)
+        lines.tell("searching", 0.1)
+    assert [line.rpartition(",")[0] for line in said] == ["lockstep: searching, this search likely 5 to 20 s"]
+
+
 def test_a_phase_that_says_nothing_is_alive() -> None:
     said: list[str] = []
     with ProgressLines(said.append, patience=0.02, interval=0.05, pause=0.0) as lines:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import lockstep
 from lockstep.cli.main import app
 from lockstep.verification.toolchain import host_compilers
 from lockstep.workflow.runs.simulate_options import Many, Options, conflict
@@ -388,6 +389,32 @@ def test_the_worst_disturbance_of_a_local_design_is_one_that_the_proof_is_about(
     assert found["l2"]["covered"], found["l2"]["reason"]
     assert 0 < found["l2"]["disturbance"] <= math.sqrt(claimed["energy"]) * (1 + 1e-9)
     assert 0.3 < found["l2"]["ratio"] < 1
+
+
+def test_where_all_of_them_go_is_said(tmp_path):
+    """p' = u + xi; agent 2 hears 1 and 3, who hear it: gains that differ do not sum up to 0, and a load moves the mean."""
+    gains = ", ".join(f"{{ D = [[{D}]] }}" for D in (-1.0, -3.0, -1.0))
+    text = f"""
+[agent]
+name = "axis"
+states = ["p"]
+inputs = ["u"]
+dynamics = {{ p = "u" }}
+outputs = {{ y = "p" }}
+[network]
+agents = 3
+topology = "path"
+[design]
+method = "given"
+gains = [{gains}]
+[simulation]
+horizon = 5.0
+initial = [[3.0], [0.0], [0.0]]
+"""
+    (tmp_path / "axes.toml").write_text(text, encoding="utf-8")
+    told = lockstep.simulate(lockstep.design(tmp_path / "axes.toml")).rows()
+    # The weighted mean 3/7 p_1 + 1/7 p_2 + 3/7 p_3 is what they keep: (3, 1, 3) diag(1, 3, 1) L = 0, so they meet at 9/7.
+    assert told["mean"] == "p 1 at first, 1.286 in the end"
 
 
 def test_a_problem_file_is_told_from_a_design(examples, run):

@@ -13,7 +13,8 @@ def run_init(field: str, output: Path | None) -> Answer:
     from lockstep.workflow.init import init
 
     begun = init(field, output=output)
-    said = f"{output}: fill it in, then `lockstep build {output} -o out`"
+    folder = output.with_suffix("") if output and output.suffix else "out"
+    said = f"{output}, and its schema for editors beside it. Fill it in, then `lockstep build {output} -o {folder}`"
     return Answer(begun.document(), said if output else begun.text.rstrip())
 
 

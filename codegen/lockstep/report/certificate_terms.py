@@ -98,10 +98,10 @@ def _sampled(facts: Facts) -> Iterator[DatasheetTerm]:
         said = "every disagreement shrinks so at least in the long run, of the loop with the controllers that ship"
         yield DatasheetTerm("convergence, sampled", f"{rate:g} 1/s", BALL, said)
     yield DatasheetTerm(
-        "decay",
+        "decay of V",
         above(sampled.decay, 6),
         BALL,
-        "of the Lyapunov function from one sample to the next, up to the noise of rounded messages",
+        "from one sample to the next, of the storage function that bounds what rounded messages do; another proves the rate",
     )
     largest = {letter: max(one[letter] for one in sampled.rounding) for letter in "ABCD"}
     yield DatasheetTerm(

@@ -235,16 +235,13 @@ def _sampled(found: DesignVerdict) -> Iterator[Statement]:
             f"The same gains, discretised for it, still agree: {below(longest / table.period, 3)} times the period.",
         )
     if sampled.get("rho") is not None:
-        errors = ", without errors of its gains" * any(found.design.stored.claims.fragility.values())
-        said = f"The same gain as rho, of the loop that ships{errors}."
+        errors = any(found.design.stored.claims.fragility.values())
+        said = f"The same gain as rho, of the loop that ships{', without errors of its gains' * errors}."
         yield Statement("rho, sampled", f"{sampled['rho']:.6g}", said)
     if sampled.get("rounding"):
         worst = max(max(one.values()) for one in sampled["rounding"])
-        yield Statement(
-            "rounding",
-            above(worst, 2),
-            "Every rounding of a step counts as an error of the gains of up to this norm, and is covered.",
-        )
+        said = "Every rounding of a step counts as an error of the gains of up to this norm, and is covered."
+        yield Statement("rounding", above(worst, 2), said)
     residual = sampled.get("residual_rms_per_message_error")
     if residual is not None:
         yield Statement(
@@ -324,6 +321,7 @@ def _assumed(found: DesignVerdict) -> Iterator[Statement]:
 
 
 def _open(found: DesignVerdict) -> Iterator[Statement]:
+    from lockstep.codegen.from_design import MOVED, moves_all
     from lockstep.codegen.sensor_noise import noise_on_inputs
 
     answer, problem = found.answer, found.design.problem
@@ -375,6 +373,7 @@ def _open(found: DesignVerdict) -> Iterator[Statement]:
     moving = "".join(f"; {row.figure.removesuffix(WRONG_SIGN)}" for row in unstable_alone(problem))
     deaf = np.flatnonzero(problem.graph().in_degrees == 0)
     where = f"that is up to agent {deaf[0] + 1}, which leads" if len(deaf) else "only that they are the same"
+    moving += MOVED * moves_all(found.design.stored)
     yield Statement("where they agree", "", f"Which states the agents agree on: {where}{moving}.")
     yield Statement(
         "the C",

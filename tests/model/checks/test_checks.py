@@ -10,6 +10,7 @@ import pytest
 from lockstep.lmi.proposal import proved_bound
 from lockstep.model import Agent, BoundNotProved, Graph, Problem, ProblemError, load_problem, parse_problem
 from lockstep.model.checks import CheckReport, CheckRow, check_problem, linear_part, nonlinearity
+from lockstep.model.checks.check import seldom_meant
 from lockstep.model.checks.nonlinearity import holds_everywhere
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -185,9 +186,16 @@ def cart_text(output: str) -> str:
 
 
 def test_roots_are_named() -> None:
-    report = check_problem(cart(network="[network]\nagents = 4\nedges = [[2, 1], [3, 2], [4, 1]]"))
+    led = cart(network="[network]\nagents = 4\nedges = [[2, 1], [3, 2], [4, 1]]")
+    report = check_problem(led)
     assert report.document()["graph"] == {"spanning_tree": True, "roots": [1]}
     assert "agent 1 hears none of the others and leads" in row(report, "spanning tree").figure
+    assert row(report, "spanning tree").verdict == "note"
+    assert any("Are `edges` [listener, source]" in one.figure for one in seldom_meant(led))
+    named = row(
+        check_problem(cart(network='[network]\nagents = 4\ntopology = "leader_path"')), "spanning tree"
+    )
+    assert (named.verdict, "edges" in named.figure) == ("ok", False)
     path = check_problem(cart(network="[network]\nagents = 2\nedges = [[2, 1], [1, 2]]"))
     assert "each of the agents 1, 2 can be its root" in row(path, "spanning tree").figure
 

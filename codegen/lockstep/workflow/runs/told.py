@@ -35,6 +35,8 @@ def rows(run: Any) -> dict[str, str]:
         "measured gain" if found.gain else "against rho": found.text,
         **_ranges(run),
     }
+    ends = zip(agent.states, trajectory.less_offsets.mean(axis=1)[[0, -1]].T, strict=True)
+    told["mean"] = "; ".join(f"{name} {a:.4g} at first, {b:.4g} in the end" for name, (a, b) in ends)
     if (asked := problem.messages) is not None:
         delay = "{}:{}".format(*asked.delay)
         named = {"loss": asked.loss, "burst": asked.burst, "delay": delay, "jitter": asked.jitter}

@@ -18,7 +18,7 @@ PAUSE = 10.0
 
 
 class ProgressLines:
-    """Write a line when something else is being done, not more often than every `PAUSE` seconds; every `INTERVAL` else.
+    """Write a line when something else is being done, at most every `PAUSE` seconds, or every `INTERVAL`; a forecast at once.
 
     What follows a colon is a detail. A thread of its own keeps the time: whoever works may say nothing for minutes.
 
@@ -68,13 +68,12 @@ class ProgressLines:
                 self._say_if_due()
 
     def _say_if_due(self) -> None:
-        now = time.monotonic()
-        if not self._what or now - self._began < self._patience:
-            return
-        phase = self._what.partition(":")[0]
-        if now - self._wrote < (self._interval if phase == self._written else self._pause):
-            return
-        self._written, self._wrote = phase, now
-        done = f", {self._part:.0%} done" if self._part > 0 else ""
-        left = self._left.text()
-        self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")
+        now, phase = time.monotonic(), self._what.partition(":")[0]
+        new = phase != self._written
+        forecast = new and "likely" in phase  # at once: it is gone when a first part is done
+        due = max(self._wrote + (self._pause if new else self._interval), self._began + self._patience)
+        if phase and (forecast or now >= due):
+            self._written, self._wrote = phase, now
+            done = f", {self._part:.0%} done" if self._part > 0 else ""
+            left = self._left.text()
+            self._write(f"lockstep: {self._what}{done}, {now - self._began:.0f} s{left and f', {left}'}")

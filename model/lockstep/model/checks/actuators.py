@@ -87,15 +87,8 @@ def slow(problem: Problem, *, controllable: bool) -> Iterator[CheckRow]:
     all_limited = outputs_apart(problem) is not None and np.isfinite(problem.limits).all()
     time = time_to_move(problem) if all_limited and controllable else horizon
     if time is None or time > horizon:
-        held = "inputs held at [agent.limits]"
-        apart = "the outputs as far as [simulation] has them apart"
-        moved = (
-            f"never move {apart}"
-            if time is None
-            else f"need {time:.3g} s to move {apart}, and the run is {horizon:g} s"
-        )
-        figure = f"{held} {moved}: are they in the unit of u, and parameters in theirs?"
-        reason = (
-            "from there agents come together as slowly as they do by themselves, or as actuators let them"
-        )
+        how = "never move" if time is None else f"need {time:.3g} s, of a run of {horizon:g} s, to move"
+        figure = f"inputs held at [agent.limits] {how} the outputs as far as [simulation] initial has them apart: are these,"
+        figure += " and the parameters, in their units?"
+        reason = "from there agents come together as slowly as by themselves, or as actuators let them"
         yield CheckRow("limits", "note", figure, reason)

@@ -66,7 +66,7 @@ def check_problem(
         nonlinearity.centring(agent),
         nonlinearity.origin(agent),
         nonlinearity.exact_numbers(agent),
-        linear_part.spanning_tree(graph),
+        linear_part.spanning_tree(graph, listed=bool(problem.file.network.edges)),
         linear_part.row_sums(graph),
         controllable,
         observable,
@@ -99,6 +99,7 @@ def seldom_meant(problem: Problem) -> Iterator[CheckRow]:
     agent = problem.agent()
     pairs = linear_part.controllable(agent, problem.agents_B()), linear_part.observable(agent)
     yield from plausibility.unstable_alone(problem)
+    yield linear_part.spanning_tree(problem.graph(), listed=bool(problem.file.network.edges))
     yield from actuators.period(problem)
     yield from actuators.limits(problem, controllable=pairs[0][1].controllable)
     for row, pair in pairs:

@@ -27,25 +27,23 @@ NEARLY_LOST = 1e-3
 model of a jack leaves 1.8e-4 of 0.13, and the committed problems have 0.011 and more."""
 
 
-def spanning_tree(graph: Graph) -> CheckRow:
-    """Some agent's information reaches every other one, which is rank L = N - 1."""
-    reason = (
-        "agreement needs one agent at least that all others hear from: L then has one zero eigenvalue only"
-    )
+def spanning_tree(graph: Graph, *, listed: bool = False) -> CheckRow:
+    """Some agent's information reaches every other one, which is rank L = N - 1; a leader of `listed` edges is noted."""
+    reason = "agreement needs an agent that all others hear from: L then has one zero eigenvalue only"
     if not graph.has_spanning_tree:
         groups = ", ".join(str(list(group)) for group in graph.origins[:4])
         figure = f"none: the groups {groups} hear nothing from each other"
         return CheckRow("spanning tree", "fails", figure, reason)
     leads = graph.in_degrees[graph.roots[0] - 1] == 0
     said = "hears none of the others and leads: its controller is at rest" if leads else "can be its root"
-    return CheckRow("spanning tree", "ok", f"{_agents(graph.roots)} {said}", reason)
+    asked = ". Are `edges` [listener, source], and each meant one way?" * bool(listed and leads)
+    figure = f"{_agents(graph.roots)} {said}{asked}"
+    return CheckRow("spanning tree", "note" if asked else "ok", figure, reason)
 
 
 def row_sums(graph: Graph) -> CheckRow:
     """L 1 = 0, in exact arithmetic on the weights and in the doubles that L is stored in."""
-    reason = (
-        "consensus must be an equilibrium of the controllers: relative outputs vanish where all agents agree"
-    )
+    reason = "consensus must be an equilibrium of the controllers: r = 0 where all agents agree"
     worst = max(abs(sum((Fraction(float(x)) for x in row), Fraction(0))) for row in graph.laplacian)
     besides = f" with exact sums on the diagonal; to {float(worst):.1e} in doubles" if worst else ""
     return CheckRow("L 1 = 0", "ok", f"exactly{besides}", reason)
