@@ -140,8 +140,9 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
     idle = (WORSE if rho > alone >= content["rho"] else little) if alone and rho > 0.9 * alone else ""
     fast, kept = figures.get("decay_alone"), content["sampled"].get("rate") or content["decay"] or 0.0
     idle = idle or (f"; {fast:.3g} 1/s, which is proved{SLOWER * (0.9 * fast > kept)}" if fast else "")
-    part, soft = figures["part_of_states"], softer(figures)
+    part, soft, norms = figures["part_of_states"], softer(figures), figures["gain_norms"]
     static = {} if part is None or part > STATIC else {"order": STATIC_SAID.format(STATIC)}
+    weak = ", ".join(str(i) for i, of in enumerate(norms, 1) if 0 < 100 * of < max(norms))
     fragility = ", ".join(f"{letter} {delta:g}" for letter, delta in content["fragility"].items() if delta)
     yes, local = f"{'yes' if ships else ONLY}, proof: {content['proof']}", content.get("scope") == "local"
     return two_columns(
@@ -156,6 +157,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **({"gain uncertainty": fragility} if fragility else {}),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             **static,
+            **({"weak gains": f"of agent {weak}, below 1 % of the largest, as a leader's"} if weak else {}),
             **({"constant disturbance": soft} if soft else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),

@@ -22,8 +22,6 @@ def check_identifier(name: str, where: str) -> None:
     lockstep.check.errors.ProblemError: agent: `arm 1` is no C identifier; expected a letter, then ...
     """
     found = f"`{name}` is no C identifier"
-    expected = (
-        "a letter, then at most 39 letters, digits or underscores, no keyword and no name of a C header"
-    )
+    expected = "a letter, then at most 39 letters, digits or underscores; no keyword, no name of a C header"
     remedy = "rename it: the name prefixes the generated functions"
     demand(_IDENTIFIER.fullmatch(name) and name not in C_WORDS | HEADERS, found, where, expected, remedy)

@@ -159,9 +159,7 @@ def verify_folder(
     manifest = load_manifest(folder)
     changed = changed_files(folder, manifest)
     if not run_changed and (refused := refusals(folder, manifest)):
-        said = (
-            "nothing was compiled: `--run-changed` runs changed files all the same, with all that they may do"
-        )
+        said = "nothing was compiled: `--run-changed` runs changed files all the same, whatever they do"
         return VerifyReport(False, (), changed, (*refused, said))
     chosen, generated = targets_of(targets or GROUPS), manifest
     manifest = with_nodes(manifest)

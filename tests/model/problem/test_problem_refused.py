@@ -127,6 +127,8 @@ from lockstep.model import ProblemError, load_problem, parse_problem
         ),
         ("order = 1", "gain_units = { inputs = 1e308 }", ["[design.gain_units]", "no finite number above 0"]),
         ("order = 1", "alpha = -1", ["[design] alpha", "-1"]),
+        ("order = 1", "decay = [1,5]", ["[design] decay", "0.5, not 0,5"]),
+        ("[network]", "[agent.limits]\nf = [-4,0, 4,0]\n[network]", ["[agent.limits] f", "0.5, not 0,5"]),
         ("order = 1", "alpha = nan", ["[design] alpha", "nan"]),
         ("order = 1", 'objective = "alpha"', ["[design]", "`rho` is missing"]),
         ("order = 1", "rho = 3", ["[design] rho", "minimised"]),

@@ -53,9 +53,7 @@ def period(problem: Problem) -> Iterator[CheckRow]:
         yield row
     if not short:
         moved = "move the outputs as far as [simulation] has them apart, or farther"
-        figure = (
-            f"in {T:g} s inputs at [agent.limits] {moved}: is it in s, are limits and start in their units?"
-        )
+        figure = f"in {T:g} s inputs at [agent.limits] {moved}: is it in s, limits and start in their units?"
         yield CheckRow("period", "note", figure, "a controller that sees so little of a motion overshoots it")
 
 

@@ -83,9 +83,7 @@ def where_it_holds(agent: Agent, graph: Graph, *, everywhere: bool) -> CheckRow:
         aside = "; the box of [agent.domain] is not needed for it" if agent.domain else ""
         figure = f"everywhere: the certificate is global{aside}"
         return CheckRow("where the bound holds", "ok", figure, reason)
-    figure = (
-        f"{_where(agent)}: the certificate is local, true while every agent stays there; {_staying(graph)}"
-    )
+    figure = f"{_where(agent)}: the certificate is local, true while all agents stay there; {_staying(graph)}"
     return CheckRow("where the bound holds", "note", figure, reason)
 
 

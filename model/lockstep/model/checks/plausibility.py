@@ -267,9 +267,7 @@ def _leave_together(problem: Problem) -> Iterator[CheckRow]:
         left = error.figures["left"] or f"diverges at {error.figures['time']:.4g} s"
     left = left.removeprefix(f"{two.agent.name}1 ")
     if left:
-        figure = (
-            f"from where all are on average one agent with u = 0 {left}: all that agree there do the same"
-        )
+        figure = f"from where all are on average one agent with u = 0 {left}: all that agree do the same"
         if len(leads):
             figure = f"agent {leads[0] + 1} leads and gets no u: by itself it {left}"
         why = "the others go with it; of agents that leave their domain by themselves nothing is proved"

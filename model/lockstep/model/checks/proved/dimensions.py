@@ -194,9 +194,7 @@ def _same(a: Quantity, b: Quantity) -> Powers | None:
     if off := _known(product_of(a.powers, b.powers, -1)):
         differ = f"of the dimensions {text_of(a.powers)} and {text_of(b.powers)}"
         if off.keys() == {"10"}:
-            differ = (
-                f"whose units differ by a factor of {10 ** abs(off['10']):.6g}, and numbers are not converted"
-            )
+            differ = f"whose units differ by a factor of {10 ** abs(off['10']):.6g}, and none is converted"
         raise Undefined(f"made of parts {differ}")
     return b.powers if math.isnan(a.powers.get("10", 0.0)) else a.powers
 

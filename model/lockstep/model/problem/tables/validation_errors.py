@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 
 from lockstep.check.errors import ProblemError
 from lockstep.check.wording import nearest, shorten
+from lockstep.model.formulas.confusables import DECIMAL_POINT
 from lockstep.model.problem.tables.schema import ProblemFile
 
 Location = tuple[int | str, ...]
@@ -96,7 +97,8 @@ def _one(location: Location, kind: str, value: Any) -> ProblemError:
     name = shorten(next((part for part in reversed(location) if isinstance(part, str)), ""))
     subject = f"`{name}` is" if isinstance(location[-1], str) else "found"
     choices = re.findall(r'"(\w+)"', expected) if kind == "literal_error" else []
-    remedy = nearest(value, choices) if isinstance(value, str) else ""
+    split = kind in ("interval", "float_type") and isinstance(value, list) and set(map(type, value)) == {int}
+    remedy = nearest(value, choices) if isinstance(value, str) else DECIMAL_POINT * split
     found, where = f"{subject} {_shown(value)}", toml_path(location)
     return ProblemError(found, where=where, expected=expected, remedy=remedy)
 
