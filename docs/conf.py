@@ -98,9 +98,8 @@ def _formula(node: nodes.math | nodes.math_block, display: str) -> str:
     made = convert(node.astext(), display=display)
     if re.search(r"\\|&(?!#?\w+;)", made):  # what the converter does not know it leaves as it is
         raise ValueError(f"no MathML for {node.astext()!r}: use what latex2mathml knows")
-    return made.replace(
-        '<mn mathvariant="bold">1</mn>', "<mn>&#x1D7CF;</mn>"
-    )  # browsers want the letter itself
+    # Browsers want the bold letter itself.
+    return made.replace('<mn mathvariant="bold">1</mn>', "<mn>&#x1D7CF;</mn>")
 
 
 def _kept(_app: object, page: nodes.document) -> None:

@@ -35,8 +35,9 @@ def rows(run: Any) -> dict[str, str]:
         "measured gain" if found.gain else "against rho": found.text,
         **_ranges(run),
     }
-    ends = zip(agent.states, trajectory.less_offsets.mean(axis=1)[[0, -1]].T, strict=True)
-    told["mean"] = "; ".join(f"{name} {a:.4g} at first, {b:.4g} in the end" for name, (a, b) in ends)
+    if trajectory.x.shape[1] == run.agents:  # of many a record has a few
+        ends = zip(agent.states, trajectory.less_offsets.mean(axis=1)[[0, -1]].T, strict=True)
+        told["mean"] = "; ".join(f"{name} {a:.4g} at first, {b:.4g} in the end" for name, (a, b) in ends)
     if (asked := problem.messages) is not None:
         delay = "{}:{}".format(*asked.delay)
         named = {"loss": asked.loss, "burst": asked.burst, "delay": delay, "jitter": asked.jitter}
@@ -46,7 +47,7 @@ def rows(run: Any) -> dict[str, str]:
             told["messages"] = f"each arrives in time in this run; the nodes on such a network: {nodes}"
     claimed = None if run.controllers == "off" else run.design.stored.claims.initial_set
     away = trajectory.errors()[0]
-    if claimed is not None and len(away) == run.agents:  # of many a record has a few
+    if claimed is not None and len(away) == run.agents:
         covered = times_covered(claimed.radius, claimed.half_axes, away)
         leads = trajectory.x[:, claimed.leader - 1 : claimed.leader]
         out = {"a leader out of its range": left_domain(trajectory.t, leads, agent, claimed.inner)}
