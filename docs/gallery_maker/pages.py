@@ -227,8 +227,8 @@ def _proved(design: lockstep.Design, start: float) -> str:
     if claims.initial_set is not None:
         from_there = (
             "every agent, undisturbed and controllers at rest, from a distance from agreement of at most this, while agent"
-            f" {claims.initial_set.leader} stays within `[network]` `leader`: proved of the continuous controllers. The run above"
-            " begins at"
+            f" {claims.initial_set.leader} stays within `[network]` `leader`: proved of the continuous controllers. The run"
+            " above begins at"
         )
         rows.append(
             ("stays in its domain", f"from {below(claims.initial_set.radius)}", f"{from_there} {start:.3g}")
