@@ -151,21 +151,27 @@ gains = [{ D = [[0.3]] }, { D = [[0.3]] }]
     assert lockstep.certify(tmp_path / "soft")
 
 
-def test_a_current_that_carries_the_load_does_not_count_as_softer(tmp_path):
-    """v' = -v + 2 i + xi, i' = -3 i - v + u, u = -3 v_d for two: v_d = 3 xi_d / 11, 3/5 xi_d without; i_d 20/11 as far."""
-    text = """
+@pytest.mark.parametrize(
+    ("outputs", "D"), [('speed = "v"', "-1.5"), ('speed = "v", current = "i"', "-1.5, 0.0")]
+)
+def test_a_current_that_carries_the_load_does_not_count_as_softer(outputs, D, tmp_path):
+    """v' = -v + 2 i + xi, i' = -3 i - v + u, u = -3 v_d for two: v_d = 3 xi_d / 11, 3/5 xi_d without; i_d 20/11 as far.
+
+    Whether the current is measured or not.
+    """
+    text = f"""
 [agent]
 name = "motor"
 states = ["v", "i"]
 inputs = ["u"]
-dynamics = { v = "-v + 2*i", i = "-3*i - v + u" }
-outputs = { speed = "v" }
+dynamics = {{ v = "-v + 2*i", i = "-3*i - v + u" }}
+outputs = {{ {outputs} }}
 [network]
 agents = 2
 topology = "complete"
 [design]
 method = "given"
-gains = [{ D = [[-1.5]] }, { D = [[-1.5]] }]
+gains = [{{ D = [[{D}]] }}, {{ D = [[{D}]] }}]
 """
     (tmp_path / "motor.toml").write_text(text, encoding="utf-8")
     told = lockstep.design(tmp_path / "motor.toml").document()["figures"]["static_response"]

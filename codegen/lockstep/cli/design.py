@@ -16,7 +16,7 @@ from lockstep.model.problem.tables.toml_text import value_text
 from lockstep.workflow.design_file import slopes_text
 
 REUSED = "the design was made before, of the same problem, and is proved again; --fresh searches anew"
-HARDLY = ": these controllers do hardly anything; ask for a `decay`, or a faster one"
+HARDLY = ": these controllers hardly lower it; for a faster agreement ask for a `decay`, or a faster one"
 HIDDEN = ": these controllers do hardly anything, and none is certified to be fast: {}; an [agent.domain] may leave that out"
 SLOWER = ", and is more than is proved of the controllers that ship: ask for a `decay`, or a faster one"
 WORSE = ": these controllers make it worse; is the period too long?"

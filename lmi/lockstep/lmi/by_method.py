@@ -189,9 +189,12 @@ def _figures(problem: Problem, network: Network, gains: Gains) -> dict[str, Any]
     loop, scales, agent = network.loop(gains.order), problem.performance.states, problem.agent()
     rows, names = np.vstack([loop.plant.C, np.eye(len(agent.states))]), (*agent.outputs, *agent.states)
     times = static_response(loop, gains, rows) * (scales > 0 if len(scales) else 1.0)
-    # A state that carries the load, such as a motor's current, has to move: what is measured counts where it says any.
+    # What carries a load, such as a motor's current, has to move: what is measured counts where it says any, and of that the
+    # output that moves least.
     times[len(agent.outputs) :] *= not times[: len(agent.outputs)].any()
-    i, j = np.unravel_index(int(times.argmax()), times.shape)
+    known = np.where(times > 0, times, np.inf)
+    j = int(np.where(np.isfinite(known.min(axis=0)), known.min(axis=0), 0.0).argmax())
+    i = int(known[:, j].argmin())
     most = {"of": agent.states[j], "moves": names[i], "times": float(times[i, j])} if times.any() else None
     norms = problem.gain_norms(gains.blocks)
     return {"abscissa": abscissa(network, gains, modal=False), "gain_norms": norms, "static_response": most}
