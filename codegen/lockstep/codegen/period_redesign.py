@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lockstep.check.continuous.inequality import Certificate
+from lockstep.check.continuous_claims import decide_stable_controllers
 from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.check.system.loop import Gains
 from lockstep.codegen.limit_claims import with_limits
@@ -28,6 +29,7 @@ from lockstep.codegen.sampled_design import (
     sampled_network,
     with_sampled,
 )
+from lockstep.codegen.sampled_modes import sampled_controllers
 from lockstep.lmi.design_verdict import certify
 from lockstep.lmi.document import Stored
 from lockstep.lmi.processes.threads import one_thread
@@ -92,9 +94,24 @@ def as_shipped(
         late = deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys()
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
+        _refuse_unstable_as_rounded(shipped)
         limited = with_limits(shipped, stored)
         cut = ({"time_limit": time_limit} if late else {}) | ({"interrupted": True} if stop.asked else {})
         return replace(limited, info={**limited.info, "figures": {**limited.info["figures"], **cut}})
+
+
+def _refuse_unstable_as_rounded(stored: Stored) -> None:
+    """Refuse controllers that are claimed to be stable by themselves and, sampled and rounded, are not: A of 1 - 6e-10.
+
+    Raises:
+        NotCertified: one is.
+    """
+    table, n_C = stored.problem.controller, stored.gains.order
+    held = sampled_controllers(stored, table.period)
+    verdict = decide_stable_controllers([one.table[:n_C, :n_C] for one in held], sampled=True)
+    if stored.claims.controllers_stable and not verdict.proved:
+        said = f"{verdict.reason} as it ships, rounded to {table.real} every {table.period:g} s"
+        raise NotCertified(f"{said}: raise [design] gain_limit or [controller] period, or take float64")
 
 
 def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort, stop: Stop) -> Stored:

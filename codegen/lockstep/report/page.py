@@ -140,9 +140,7 @@ def _disturbance(facts: Facts) -> str:
     """What acts on the run, in a sentence."""
     table = facts.problem.simulation.disturbance
     if table.kind in ("none", "worst"):
-        return (
-            "The leader follows its reference." if facts.problem.reference else "No disturbance is applied."
-        )
+        return "The leader follows its reference." if facts.problem.reference else "Nothing disturbs it."
     return f"Disturbed by {table.kind}, {table.size}."
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lockstep.check.errors import Infeasible
+import lockstep
+from lockstep.check.errors import Infeasible, NotCertified
 from lockstep.check.system.loop import Gains
 from lockstep.cli.main import app
 from lockstep.codegen import period_redesign
@@ -176,3 +177,43 @@ def test_gains_that_a_design_for_the_period_leaves_as_they_are_are_not_proved_ag
         with pytest.raises(Infeasible, match="smaller rho of the sampled loop than 10"):
             period_redesign._proved_for_period(stored, None, least)
     assert made == ([gains] if proves else [])
+
+
+@pytest.mark.parametrize(("real", "stable"), [("float32", False), ("float64", True)])
+def test_controllers_that_rounding_leaves_without_decay_are_refused(real, stable):
+    """x_C' = -1e-9 x_C decays; every 0.5 s it is 1 - 5e-10, which float32, 2^-24 apart there, rounds to 1."""
+    text = f"""
+    [agent]
+    states = ["x"]
+    inputs = ["u"]
+    dynamics = {{ x = "-x + u" }}
+    outputs = {{ y = "x" }}
+    [network]
+    agents = 2
+    topology = "complete"
+    [controller]
+    period = 0.5
+    real = "{real}"
+    [design]
+    method = "given"
+    order = 1
+    [[design.gains]]
+    A = [[-1e-9]]
+    B = [[0.0]]
+    C = [[0.0]]
+    D = [[-0.1]]
+    [[design.gains]]
+    A = [[-1e-9]]
+    B = [[0.0]]
+    C = [[0.0]]
+    D = [[-0.1]]
+    """
+    if stable:
+        assert lockstep.certify(lockstep.design(Problem.parse(text))).verdict.proves(
+            "controllers_stable_sampled"
+        )
+    else:
+        with pytest.raises(
+            NotCertified, match="agent 1 is not stable by itself as it ships, rounded to float32"
+        ):
+            lockstep.design(Problem.parse(text))

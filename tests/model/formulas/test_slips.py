@@ -132,7 +132,9 @@ def test_limits_that_need_more_than_the_run_are_noted(apart, noted):
     Times are told in steps of a factor of root two of the period; before a design begins, too.
     """
     posed = Problem.parse(CART.format(period=1.0, apart=apart) + "horizon = 64.0")
-    rows = [row for row in actuators.slow(posed, controllable=True) if "of a run of 64 s, to move" in row.figure]
+    rows = [
+        row for row in actuators.slow(posed, controllable=True) if "of a run of 64 s, to move" in row.figure
+    ]
     assert [(row.name, row.verdict) for row in rows] == [("limits", "note")] * noted
     assert any(doubt.startswith("limits: ") for doubt in doubts(posed)) is noted
 

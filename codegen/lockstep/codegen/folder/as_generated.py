@@ -79,9 +79,7 @@ def _misnamed(manifest: Manifest, stored: Stored) -> list[str]:
         expected = [base]
     if names == expected:
         return []
-    return [
-        f"manifest.json lists the agents as {', '.join(names)}; in the design they are {', '.join(expected)}"
-    ]
+    return [f"manifest.json lists the agents as {', '.join(names)}, the design as {', '.join(expected)}"]
 
 
 def problem_fits(stored: Stored, manifest: Manifest) -> None:

@@ -104,9 +104,7 @@ def _staying(graph: Graph) -> str:
             f"with agent {graph.roots[0]} leading, it gives initial states from which they stay, as long as the leader "
             "keeps to a smaller box"
         )
-    return (
-        "that they do is not proved without a leader: agents in agreement may drift out of the box together"
-    )
+    return "that they do is not proved without a leader: all of them may drift out of the box together"
 
 
 def exact_numbers(agent: Agent) -> CheckRow:

@@ -154,9 +154,7 @@ def units(problem: Problem, *, refuse: bool = False) -> Iterator[CheckRow]:
     if sizes[most] > FAR * sizes[least] and problem.design.weights.state == 1.0:
         moved = f"{most} moves by numbers about {sizes[most] / sizes[least]:.0e} times those of {least}"
         figure = f"{moved}: count them in units in which they are alike (mm, bar)"
-        yield CheckRow(
-            "units", "note", figure, "|x_d|, a radius, and a rho without weights add their squares"
-        )
+        yield CheckRow("units", "note", figure, "|x_d|, a radius, and rho without weights add their squares")
 
 
 def _not_one(table: AgentTable) -> Iterator[tuple[str, str]]:

@@ -59,9 +59,7 @@ def _slope_at_origin(lure: Lure) -> Float[np.ndarray, "r v"]:
     v, t = ca.SX.sym("v", lure.H.shape[0]), ca.SX.sym("t")
     jacobian = ca.densify(ca.jacobian(lure.phi(v, t), v))
     if ca.depends_on(ca.substitute(jacobian, v, ca.SX.zeros(v.shape[0])), t):
-        raise _refused(
-            "the slope of the nonlinearity at the origin depends on t", "a time-invariant linear part"
-        )
+        raise _refused("the slope of the nonlinearity at the origin depends on t", "a linear part without t")
     at = ca.Function("slope", [v, t], [jacobian])
     value = np.asarray(at(np.zeros(v.shape[0]), 0.0)).reshape(jacobian.shape)
     near = [np.asarray(at(sign * STEP * e, 0.0)) for e in np.eye(v.shape[0]) for sign in (-1, 1)]

@@ -70,9 +70,7 @@ def _check_objective(file: ProblemFile) -> None:
         scales, where = (design.disturbances or DisturbancesTable()).states, "[design.disturbances] states"
         least = scale_of_each(scales, file.agent.states, where=where, per="state").min(initial=1.0)
         found = f'a scale of {least:g}, and objective = "initial_set": rho is then no gain from all that moves the states'
-        remedy = (
-            'name each state with 1 or more, leave `states` out, or take another objective, such as "rho"'
-        )
+        remedy = 'name each state with 1 or more, leave `states` out, or take another objective ("rho")'
         demand(least >= 1.0, found, where, "a scale of 1 or more for every state", remedy)
 
 
