@@ -48,7 +48,7 @@ beside it. Parameters are those of the source that the file names, or of its ord
 
 <div class="named">
 
-| field | rho of the C, proved | period | flash, at most | what it is | agents | states of each | order |
+| field | rho of the C, proved | period | flash, at most (fitted) | what it is | agents | states of each | order |
 |---|---|---|---|---|---|---|---|
 {rows}
 

@@ -341,12 +341,12 @@ def test_controllers_that_leave_a_load_more_room_than_none_are_said_to(times, sa
     assert ("of omega moves theta 1.6 times as far apart as u = 0 does" in printed) == said
 
 
-@pytest.mark.parametrize(("norms", "said"), [([0.35, 0.0002, 0.35], "of agent 2"), ([0.35, 0.01, 0.0], "")])
+@pytest.mark.parametrize(("norms", "said"), [([0.35, 0.0002, 0.35], "agent 2"), ([0.35, 0.01, 0.0], "")])
 def test_an_agent_with_hardly_any_gains_is_named(norms, said, root) -> None:
     """Beside others whose gains are a hundred times as large it is a leader that nobody named; one that leads has none."""
     figures = lockstep.load(root / "generated" / "flexible_joint_arms").document()["figures"]
     printed = " ".join(printed_summary(root, figures=figures | {"gain_norms": norms}).split())
-    assert (f"weak gains {said}, below 1 % of the largest" in printed) == bool(said)
+    assert (f"weak gains {said}: below 1 % of the largest" in printed) == bool(said)
     assert ("weak gains" in printed) == bool(said)
 
 

@@ -157,7 +157,7 @@ def summary(content: Mapping[str, Any]) -> RenderableType:
             **({"gain uncertainty": fragility} if fragility else {}),
             **({"open loop": f"rho {alone:.4g}, with u = 0 (computed){idle}"} if alone else {}),
             **static,
-            **({"weak gains": f"of agent {weak}, below 1 % of the largest, as a leader's"} if weak else {}),
+            **({"weak gains": f"agent {weak}: below 1 % of the largest, as if it led"} if weak else {}),
             **({"constant disturbance": soft} if soft else {}),
             "sampled": sampled_text(content["sampled"]),
             **messages_row(content),

@@ -40,7 +40,7 @@ CONTINUOUS_ONLY = (
 RHO = "rho: the L2 gain from the disturbances to what is weighed, from agreement at rest"
 WHERE = "not proved; in consensus all agents move as one of them does with u = 0"
 ALONE = "; alone that is unstable (computed): nothing here holds what all agents do together"
-MOVED = "; until then a load on one moves all: gains that differ leave a sum of inputs"
+MOVED = "; while they are apart, a load on one moves all: gains that differ leave a sum of inputs"
 EQUAL = ' (method = "modal" has equal ones)'
 """Of undirected graphs."""
 

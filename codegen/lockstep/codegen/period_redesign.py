@@ -84,34 +84,39 @@ def as_shipped(
         time_limit: seconds to search for gains for the period; then the best so far, which depend on the machine.
 
     Raises:
-        NotCertified: the file says that the design is certified, and the checker refuses it.
+        NotCertified: the file says that the design is certified, and the checker refuses it; or controllers that are to be
+            stable by themselves are not as they ship.
     """
     with one_thread():
         deadline = Deadline.after(time_limit)
         effort = Effort(lambda part: tell("designing for the period", part), others, deadline)
         stop = stop or Stop()
-        shipped = _shipped(stored, tell, effort, stop)
+        shipped = _stable_as_rounded(_shipped(stored, tell, effort, stop))
         late = deadline.over and {FOR_PERIOD, NOT_FOR_PERIOD} & shipped.info["sampled"].keys()
         if np.isfinite(stored.problem.limits).any():
             tell("proving the limits of the inputs", 0.0)
-        _refuse_unstable_as_rounded(shipped)
         limited = with_limits(shipped, stored)
         cut = ({"time_limit": time_limit} if late else {}) | ({"interrupted": True} if stop.asked else {})
         return replace(limited, info={**limited.info, "figures": {**limited.info["figures"], **cut}})
 
 
-def _refuse_unstable_as_rounded(stored: Stored) -> None:
-    """Refuse controllers that are claimed to be stable by themselves and, sampled and rounded, are not: A of 1 - 6e-10.
+def _stable_as_rounded(stored: Stored) -> Stored:
+    """Return a design that claims of its controllers, sampled and rounded, no stability that they lost: A of 1 - 6e-10.
 
     Raises:
-        NotCertified: one is.
+        NotCertified: it is asked for.
     """
     table, n_C = stored.problem.controller, stored.gains.order
+    if not stored.claims.controllers_stable:
+        return stored
     held = sampled_controllers(stored, table.period)
     verdict = decide_stable_controllers([one.table[:n_C, :n_C] for one in held], sampled=True)
-    if stored.claims.controllers_stable and not verdict.proved:
+    if verdict.proved:
+        return stored
+    if stored.problem.design.stable_controllers:
         said = f"{verdict.reason} as it ships, rounded to {table.real} every {table.period:g} s"
         raise NotCertified(f"{said}: raise [design] gain_limit or [controller] period, or take float64")
+    return replace(stored, claims=replace(stored.claims, controllers_stable=False))
 
 
 def _shipped(stored: Stored, tell: Callable[[str, float], None], effort: Effort, stop: Stop) -> Stored:

@@ -23,8 +23,8 @@
  *   remains: at the sampling instants, in the end, a distance of the states from agreement of up to 96
  *     times the largest error of an entry of a message or of an own reading, each in its unit (root mean
  *     square: 96 times), a bound that is not tight; rounding a message to float32 errs by 6.0e-08 of its size
- *   where: not proved; in consensus all agents move as one of them does with u = 0; until then a load on
- *     one moves all: gains that differ leave a sum of inputs
+ *   where: not proved; in consensus all agents move as one of them does with u = 0; while they are apart, a
+ *     load on one moves all: gains that differ leave a sum of inputs
  *   distance, disagreement: the root of the sum over agents and states of (x - mean)^2, in the units of the
  *     states
  *   scope: global

@@ -6,12 +6,12 @@
 
 const arm_controllers_descriptor_t arm_controllers_descriptors[3] = {
     {"arm1", "lockstep-controllers/2", ARM1_DESIGN_ID,
-     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
+     "5f665dcb7e9e524eed40be308a79f672e5e809ce64489236d3e5d2703248912e",
      ARM1_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm1_state_t)},
     {"arm2", "lockstep-controllers/2", ARM2_DESIGN_ID,
-     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
+     "5f665dcb7e9e524eed40be308a79f672e5e809ce64489236d3e5d2703248912e",
      ARM2_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm2_state_t)},
     {"arm3", "lockstep-controllers/2", ARM3_DESIGN_ID,
-     "86bc36959c8d09374c5aa668846c81c1f4185ab84eceb6300f970acc6f522396",
+     "5f665dcb7e9e524eed40be308a79f672e5e809ce64489236d3e5d2703248912e",
      ARM3_PERIOD_S, 2u, 2u, 1u, 1u, (uint32_t)sizeof(arm3_state_t)}
 };

@@ -26,7 +26,7 @@ from lockstep.lmi.search.stopping import NothingYet
 from lockstep.lmi.specification.attempts import Attempt, Progress
 from lockstep.lmi.specification.defaults import MUCH, VERY_FAR
 from lockstep.model.checks.lost_modes import slowest_lost_mode
-from lockstep.model.control.static_response import static_response
+from lockstep.model.control.static_response import softest
 from lockstep.model.network import Network
 from lockstep.model.problem import Problem
 
@@ -186,18 +186,11 @@ def modal(posed: Posed, tell: Progress) -> Proposal:
 
 
 def _figures(problem: Problem, network: Network, gains: Gains) -> dict[str, Any]:
-    loop, scales, agent = network.loop(gains.order), problem.performance.states, problem.agent()
-    rows, names = np.vstack([loop.plant.C, np.eye(len(agent.states))]), (*agent.outputs, *agent.states)
-    times = static_response(loop, gains, rows) * (scales > 0 if len(scales) else 1.0)
-    # What carries a load, such as a motor's current, has to move: what is measured counts where it says any, and of that the
-    # output that moves least.
-    times[len(agent.outputs) :] *= not times[: len(agent.outputs)].any()
-    known = np.where(times > 0, times, np.inf)
-    j = int(np.where(np.isfinite(known.min(axis=0)), known.min(axis=0), 0.0).argmax())
-    i = int(known[:, j].argmin())
-    most = {"of": agent.states[j], "moves": names[i], "times": float(times[i, j])} if times.any() else None
+    agent, scales = problem.agent(), problem.performance.states
+    disturbed = scales > 0 if len(scales) else np.ones(agent.n, dtype=bool)
+    soft = softest(network.loop(gains.order), gains, agent.outputs, agent.states, disturbed)
     norms = problem.gain_norms(gains.blocks)
-    return {"abscissa": abscissa(network, gains, modal=False), "gain_norms": norms, "static_response": most}
+    return {"abscissa": abscissa(network, gains, modal=False), "gain_norms": norms, "static_response": soft}
 
 
 def _floor(

@@ -179,9 +179,15 @@ def test_gains_that_a_design_for_the_period_leaves_as_they_are_are_not_proved_ag
     assert made == ([gains] if proves else [])
 
 
-@pytest.mark.parametrize(("real", "stable"), [("float32", False), ("float64", True)])
-def test_controllers_that_rounding_leaves_without_decay_are_refused(real, stable):
-    """x_C' = -1e-9 x_C decays; every 0.5 s it is 1 - 5e-10, which float32, 2^-24 apart there, rounds to 1."""
+@pytest.mark.parametrize(
+    ("real", "asked", "claimed"), [("float32", "", False), ("float64", "", True), ("float32", "stable", None)]
+)
+def test_controllers_that_rounding_leaves_without_decay_are_not_said_to_be_stable(real, asked, claimed):
+    """x_C' = -1e-9 x_C decays; every 0.5 s it is 1 - 5e-10, which float32, 2^-24 apart there, rounds to 1.
+
+    Where it is asked for, they are refused.
+    """
+    one = "{ A = [[-1e-9]], B = [[0.0]], C = [[0.0]], D = [[-0.1]] }"
     text = f"""
     [agent]
     states = ["x"]
@@ -197,23 +203,15 @@ def test_controllers_that_rounding_leaves_without_decay_are_refused(real, stable
     [design]
     method = "given"
     order = 1
-    [[design.gains]]
-    A = [[-1e-9]]
-    B = [[0.0]]
-    C = [[0.0]]
-    D = [[-0.1]]
-    [[design.gains]]
-    A = [[-1e-9]]
-    B = [[0.0]]
-    C = [[0.0]]
-    D = [[-0.1]]
+    gains = [{one}, {one}]
+    {"stable_controllers = true" * bool(asked)}
     """
-    if stable:
-        assert lockstep.certify(lockstep.design(Problem.parse(text))).verdict.proves(
-            "controllers_stable_sampled"
-        )
-    else:
+    if claimed is None:
         with pytest.raises(
             NotCertified, match="agent 1 is not stable by itself as it ships, rounded to float32"
         ):
             lockstep.design(Problem.parse(text))
+        return
+    made = lockstep.design(Problem.parse(text))
+    assert made.stored.claims.controllers_stable is claimed
+    assert lockstep.certify(made)
