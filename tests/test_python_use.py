@@ -246,3 +246,8 @@ def test_an_edge_of_networkx_goes_from_who_is_heard(mass):
     """Of (1, 2) the second hears the first, as signals flow; of `from_edges` the first is the listener."""
     led = lockstep.Problem.of(mass, nx.DiGraph([(1, 2), (2, 3)])).graph()
     np.testing.assert_array_equal(led.adjacency, Graph.from_edges(3, [(2, 1), (3, 2)]).adjacency)
+
+
+def test_a_path_where_tables_are_meant_names_what_reads_it():
+    with pytest.raises(TypeError, match=r"not 'p\.toml'; Problem\.load\(path\)"):
+        lockstep.Problem("p.toml")

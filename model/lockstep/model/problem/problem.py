@@ -59,6 +59,7 @@ class Problem:
 
     Raises:
         ProblemError: whatever the agent, the graph, the weights or the gains refuse.
+        TypeError: a path; `load` takes one.
 
     Whether the network can agree at all is asked by `validate`, so that `lockstep check` can describe one
     that cannot.
@@ -68,6 +69,8 @@ class Problem:
     membership: Membership | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.file, ProblemFile):
+            raise TypeError(f"Problem takes tables, not {self.file!r:.60}; Problem.load(path) reads a file")
         check_tables(self.file)
         _ = self._agent, self._graph, self._variants, self.gains
         _ = self.performance, self.gain_limit, self.sides, self.messages, self.output_range, self.fragility
