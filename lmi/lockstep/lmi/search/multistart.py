@@ -24,10 +24,10 @@ from lockstep.lmi.search.random_start import (
 from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
-DRAWN, KEPT, DRAWN_OF_LARGE = 4, 2, 2
-"""Starts drawn for each one that is polished, and how many of these are taken further: most of a search is spent on
+DRAWN, DRAWN_OF_LARGE = 4, 2
+"""Starts drawn for each one that is polished; half of them are taken further: most of a search is spent on
 few of them (successive halving; Jamieson and Talwalkar 2016). Of large loops fewer are drawn: each takes a minute. Where P is
-eliminated each takes minutes: no more are drawn than are asked for, half of them are taken further, and these, then all as
+eliminated each takes minutes: no more are drawn than are asked for, and those taken further, then all as
 they were drawn, are pursued one after the other, until one has a certificate."""
 
 SETTLED = 0.002
@@ -91,7 +91,6 @@ def search_gains(
     cores = _Cores(jobs or len(os.sched_getaffinity(0)), tell or (lambda _part: None))
     eliminates = eliminates_P(search.loop)
     count = (1 if eliminates else DRAWN_OF_LARGE if search.is_large else DRAWN) * starts
-    kept = -(-starts // 2) if eliminates else KEPT * starts
     drawn = list[StartResult]()
     for k, half in enumerate((range(count // 2), range(count // 2, count))):
         if last or not drawn or min(one.abscissa for one in drawn) < 0:
@@ -99,7 +98,7 @@ def search_gains(
             drawn += cores.run((k / 5, (k + 1) / 5), run_start, arguments, deadline)
     drawn.sort(key=lambda one: one.rank)
     finite = [one for one in drawn if np.isfinite(one.at.rho)]
-    promising = finite[:kept]
+    promising = finite[: -(-count // 2)]
     further = cores.run((0.4, 0.6), resume, [(search, score, one, deadline) for one in promising], deadline)
     further += promising[len(further) :]
     further.sort(key=lambda one: one.rank)
