@@ -193,10 +193,10 @@ def test_the_slopes_are_those_of_differences(delay, alpha, weights):
     points, frequencies = loops.angles(at_K), loops.frequencies(at_K)
 
     def sampled(K, logs, log_rho):
-        return loops.sampled(K, logs, log_rho, points, 6.0)
+        return loops.sampled(K, logs, log_rho, points, 6)
 
     def continuous(K, logs, log_rho):
-        return loops.in_continuous_time(K, logs, log_rho, frequencies, 6.0, 0.1)
+        return loops.in_continuous_time(K, logs, log_rho, frequencies, 6, 0.1)
 
     for log_rho, f in ((1.5, sampled), (-1.0, continuous)):
         here = f(at_K, logs, log_rho)
@@ -224,7 +224,7 @@ def test_the_slopes_with_late_messages_are_those_of_differences(weights):
     step, turn, points = rng.standard_normal(K.shape), rng.standard_normal(logs.shape), loops.angles(at_K)
 
     def value(K, logs, log_rho):
-        return loops.sampled(K, logs, log_rho, points, 6.0)
+        return loops.sampled(K, logs, log_rho, points, 6)
 
     here = value(at_K, logs, 1.5)
     for slope, up, down in (
@@ -243,8 +243,8 @@ def test_a_large_power_mean_crosses_zero_where_rho_is(weights, delay):
     loops = at.objective()
     rho = sampled_rho_of(at, K, np.ones(1), (1.0,)).rho
     points = loops.angles(K)
-    assert loops.sampled(K, np.zeros(1), np.log(1.02 * rho), points, 2000.0).value < 0
-    assert loops.sampled(K, np.zeros(1), np.log(0.97 * rho), points, 2000.0).value > 0
+    assert loops.sampled(K, np.zeros(1), np.log(1.02 * rho), points, 2000).value < 0
+    assert loops.sampled(K, np.zeros(1), np.log(0.97 * rho), points, 2000).value > 0
 
 
 def test_a_start_outside_the_gain_limit_is_brought_inside():

@@ -166,7 +166,5 @@ def _first(content: bytes, text: str) -> str:
         if found != generated:
             same = next((k for k, c in enumerate(generated) if found[k : k + 1] != c), len(generated))
             part = slice(found.rfind(" ", 0, max(0, same - 20)) + 1, same + 40)  # from where a word begins
-            return (
-                f"line {number} has `{shorten(found[part])}` where `{shorten(generated[part])}` is generated"
-            )
+            return f"line {number}: `{shorten(found[part])}` where `{shorten(generated[part])}` is generated"
     return f"it has {len(theirs)} lines where {len(ours)} are generated"

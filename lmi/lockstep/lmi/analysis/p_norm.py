@@ -68,6 +68,15 @@ def dominant(
     return np.asarray(np.isin(frequencies, thinned(frequencies, FEW_APART)) | near_top(levels, p))
 
 
+def size_of(M: Complex[np.ndarray, "f d d"]) -> float:
+    """Return the largest eigenvalue of Hermitian M within a factor d^(1/8), so that no power of M over it is lost."""
+    size = float(np.abs(M).max(initial=0.0))
+    if not 0 < size < np.inf:
+        return size
+    fourth = np.linalg.matrix_power(M / size, 4)
+    return float(size * np.linalg.norm(fourth, axis=(1, 2)).max() ** 0.25)
+
+
 def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.ndarray, "f d d"]]:
     """Return log of (sum_f tr M_f^p)^(1/p) and factors S_f of its slope, <sum S_f S_f^H, dM_f>; infinite where there is none.
 
@@ -76,11 +85,9 @@ def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.n
         p: odd. M^((p - 1) / 2) is a few products, where the eigenvectors take ten times as long.
     """
     assert p % 2, "half of p - 1 is a power"
-    size = float(np.abs(M).max(initial=0.0))
+    size = size_of(M)
     if not 0 < size < np.inf:
         return np.inf, M
-    # Within a factor d^(1/8) of the largest eigenvalue, so that no power of it is lost.
-    size *= float(np.linalg.norm(np.linalg.matrix_power(M / size, 4), axis=(1, 2)).max()) ** 0.25
     unit = M / size
     factor = np.linalg.matrix_power(unit, (p - 1) // 2)
     total = float(np.vdot(factor, unit @ factor).real)

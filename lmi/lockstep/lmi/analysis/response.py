@@ -26,6 +26,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from lockstep.lmi.analysis.p_norm import gram, size_of
+
 NEGLIGIBLE = 1e-13
 """What the points that are left out may add to the sum."""
 
@@ -63,14 +65,26 @@ class Poles:
         poles = self._eig[0]
         return bool(poles.real.max() < 0 if self.continuous else np.abs(poles).max() < 1)
 
-    def resolvents(self, points: Complex[np.ndarray, " s"]) -> Complex[np.ndarray, "s n n"]:
-        """Return (s I - N)^-1 for each point."""
+    def response(
+        self, points: Complex[np.ndarray, " s"], B: Float[np.ndarray, "n w"]
+    ) -> Complex[np.ndarray, "s n w"]:
+        """Return (s I - N)^-1 B for each point."""
         poles, vectors, inverse = self._eig
-        n = len(poles)
         if inverse is None:
-            return np.linalg.inv(points[:, None, None] * np.eye(n) - self.N)
+            return np.linalg.solve(points[:, None, None] * np.eye(len(B)) - self.N, B.astype(complex))
         left = vectors / (points[:, None] - poles)[:, None, :]
-        return np.asarray((left.reshape(-1, n) @ inverse).reshape(left.shape))
+        return np.asarray((left.reshape(-1, len(B)) @ (inverse @ B)).reshape(len(points), *B.shape))
+
+    def adjoint(
+        self, points: Complex[np.ndarray, " s"], C: Complex[np.ndarray, "s z n"]
+    ) -> Complex[np.ndarray, "s z n"]:
+        """Return C (s I - N)^-1 for each point and its C."""
+        poles, vectors, inverse = self._eig
+        if inverse is None:
+            whole = points[:, None, None] * np.eye(len(poles)) - self.N.T
+            return np.linalg.solve(whole, C.swapaxes(1, 2)).swapaxes(1, 2)
+        seen = (C.reshape(-1, len(poles)) @ vectors).reshape(C.shape) / (points[:, None] - poles)[:, None, :]
+        return np.asarray((seen.reshape(-1, len(poles)) @ inverse).reshape(C.shape))
 
     def log_gramian(self) -> tuple[float, Float[np.ndarray, "n n"]]:
         """Return log tr W and its slope in N: 2 Z N W / tr W with Z = N' Z N + I (2 Z W / tr W where continuous)."""
@@ -98,37 +112,32 @@ def power_mean(
     S: Float[np.ndarray, "n_d n_d"],
     Q: Float[np.ndarray, "n n"],
     points: Complex[np.ndarray, " s"],
-    p: float,
+    p: int,
 ) -> Mean:
-    """Return g_p on the points; p is 2 or more.
+    """Return g_p on the points; p is even: half of it is a power.
 
     >>> one = np.ones((1, 1))
     >>> mean = power_mean(Poles(0.5 * one, False), one, one, np.array([1.0 + 0j]), 4)
     >>> round(float(np.exp(mean.value)), 9)  # |1 / (1 - 0.5)|^2
     4.0
     """
-    n_d, L = len(S), root(S)
-    Phi = poles.resolvents(points)
-    Phi_d = Phi[:, :, :n_d]
-    H = Phi_d.conj().swapaxes(1, 2) @ (Q @ Phi_d)
-    X = L.T @ H @ L
-    sizes = np.trace(X, axis1=1, axis2=2).real
-    seen = sizes > NEGLIGIBLE ** (1 / p) * sizes.max() / n_d
-    Phi, Phi_d, H = Phi[seen], Phi_d[seen], H[seen]
-    values, vectors = np.linalg.eigh(X[seen])
-    top = max(float(values.max()), 1e-300)
-    relative = np.maximum(values, 0.0) / top
-    total = float((relative**p).sum())
-    tilted = L @ vectors
-    spread = Phi_d @ ((tilted * (relative ** (p - 1))[:, None, :]) @ tilted.conj().swapaxes(1, 2))
-    across = spread @ (Q @ Phi_d).conj().swapaxes(1, 2)
-    back = H @ tilted
-    by_S = np.tensordot(back * (relative ** (p - 2))[:, None, :], back.conj(), ((0, 2), (0, 2))).real
+    G = poles.response(points, np.eye(len(Q), len(S)) @ root(S))
+    Y = root(Q).T @ G
+    sizes = np.linalg.norm(Y, axis=(1, 2)) ** 2
+    seen = sizes > NEGLIGIBLE ** (1 / p) * sizes.max() / len(S)
+    Y, G = Y[seen], G[seen]
+    X = Y.conj().swapaxes(1, 2) @ Y
+    top = max(size_of(X), 1e-300)
+    unit = X / top
+    half = np.linalg.matrix_power(unit, p // 2 - 1)
+    total = float(np.linalg.norm(unit @ half) ** 2)
+    T = G @ half
+    across, back = T @ unit, poles.adjoint(points[seen], (Q @ T).conj().swapaxes(1, 2))
     return Mean(
         float(np.log(top) + np.log(total / len(points)) / p),
-        2 / (total * top) * np.tensordot(Phi, across, ((0, 1), (0, 2))).real,
-        by_S / (total * top**2),
-        np.tensordot(spread, Phi_d.conj(), ((0, 2), (0, 2))).real / (total * top),
+        2 / (total * top) * np.tensordot(back, across, ((0, 1), (0, 2))).real,
+        gram(back[:, :, : len(S)].swapaxes(1, 2)) / (total * top**2),
+        gram(across, T) / (total * top),
     )
 
 

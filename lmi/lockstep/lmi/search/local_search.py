@@ -26,7 +26,7 @@ RAISES = 14
 """Runs that raise alpha."""
 
 WORTHWHILE = 0.01
-"""A stride that lowers rho by less than this part of it, the second after which it ends."""
+"""A stride that lowers rho by less than this part of it is the last."""
 
 WORSE = 1.05
 """A stride after which the sampled loop is this much worse than it was at best ends it."""
@@ -83,8 +83,7 @@ def polished(
     if eliminates_P(search.loop):
         # A step of the nonlinear program, which holds P, takes seconds there: see `smoothed_norm`.
         return start
-    point, best, idle = BarrierPoint(start.K, start.certificate), start, 0
-    length = SHORT
+    point, best, length = BarrierPoint(start.K, start.certificate), start, SHORT
     for _ in range(STRIDES):
         if deadline.over or (rho is not None and best.rho <= rho):
             break
@@ -93,8 +92,7 @@ def polished(
         new = _outcome(search, start.index, point, score, best.history)
         best = replace(min(best, new, key=lambda one: one.rank), history=new.history)
         gained = 1 - point.certificate.rho / before
-        idle = 0 if gained >= worthwhile else idle + 1
-        if idle == 2 or gained == 0 or new.sampled > WORSE * best.sampled:
+        if gained < worthwhile or new.sampled > WORSE * best.sampled:
             break
         length = LONG
     return best if rho is None else _with_alpha_raised(search, best, rho, deadline)

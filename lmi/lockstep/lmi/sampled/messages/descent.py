@@ -60,7 +60,7 @@ class AgedObjective(SampledObjective):
         logs: Float[np.ndarray, " logs"],
         log_rho: float,
         points: Complex[np.ndarray, " s"],
-        p: float,
+        p: int,
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop with late messages; None where it is not stable, or the period exceeds rho."""
         n, n_d = self.loop.n_x, self.loop.n_d

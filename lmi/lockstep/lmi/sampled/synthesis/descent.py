@@ -29,7 +29,7 @@ from lockstep.lmi.shapes import GainBlocks, GainLimit, PairWeights, Vector
 class Stage(NamedTuple):
     """One descent: the power of its means, and the weight of edges and gain limit, log rho having the weight 1."""
 
-    p: float
+    p: int
     weight: float
 
 
@@ -38,7 +38,7 @@ STAGES = (Stage(4, 1e-2), Stage(12, 1e-3), Stage(24, 1e-4), Stage(48, 3e-5), Sta
 
 ITERATIONS = 120
 
-CONTINUOUS_POWER = 24.0
+CONTINUOUS_POWER = 24
 
 FIRST = 0.95
 """The part of the gain limit from which a descent starts: at the limit itself its barrier is infinite."""
@@ -196,7 +196,7 @@ class Descent:
 class _Root:
     """rho_p of one descent: its points are fixed, and the last root is the next guess."""
 
-    def __init__(self, descent: Descent, start: DescentPoint, p: float) -> None:
+    def __init__(self, descent: Descent, start: DescentPoint, p: int) -> None:
         self.objective, self.p = descent.objective, p
         self.points = self.objective.angles(start.K)
         self.guess, self.ceiling = descent.log_rho_c, descent.most

@@ -167,7 +167,7 @@ class SampledObjective:
         return np.exp(logs) * np.einsum("kij,ij->k", self.pairs, slope_M), slope_rho
 
     def sampled(
-        self, K: GainBlocks, logs: PairWeights, log_rho: float, points: Complex[np.ndarray, " s"], p: float
+        self, K: GainBlocks, logs: PairWeights, log_rho: float, points: Complex[np.ndarray, " s"], p: int
     ) -> ValueAndSlopes | None:
         """Return g_p of the sampled loop; None where it is not stable, or the period alone exceeds rho."""
         from scipy.linalg import block_diag
@@ -244,7 +244,7 @@ class SampledObjective:
         logs: PairWeights,
         log_rho: float,
         points: Complex[np.ndarray, " s"],
-        p: float,
+        p: int,
         edge: float = 0.0,
     ) -> ValueAndSlopes | None:
         """Return PENALTY max(0, g_p)^2 of the continuous loop, and its edge; None where it is not stable."""
