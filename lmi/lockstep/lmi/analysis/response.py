@@ -122,17 +122,16 @@ def power_mean(
     4.0
     """
     G = poles.response(points, np.eye(len(Q), len(S)) @ root(S))
-    Y = root(Q).T @ G
-    sizes = np.linalg.norm(Y, axis=(1, 2)) ** 2
+    QG = Q @ G
+    X = G.conj().swapaxes(1, 2) @ QG
+    sizes = np.trace(X, axis1=1, axis2=2).real
     seen = sizes > NEGLIGIBLE ** (1 / p) * sizes.max() / len(S)
-    Y, G = Y[seen], G[seen]
-    X = Y.conj().swapaxes(1, 2) @ Y
-    top = max(size_of(X), 1e-300)
-    unit = X / top
+    top = max(size_of(X[seen]), 1e-300)
+    unit = X[seen] / top
     half = np.linalg.matrix_power(unit, p // 2 - 1)
     total = float(np.linalg.norm(unit @ half) ** 2)
-    T = G @ half
-    across, back = T @ unit, poles.adjoint(points[seen], (Q @ T).conj().swapaxes(1, 2))
+    T = G[seen] @ half
+    across, back = T @ unit, poles.adjoint(points[seen], (QG[seen] @ half).conj().swapaxes(1, 2))
     return Mean(
         float(np.log(top) + np.log(total / len(points)) / p),
         2 / (total * top) * np.tensordot(back, across, ((0, 1), (0, 2))).real,

@@ -11,7 +11,7 @@ from lockstep.lmi.analysis.certificate_sdp import eliminates_P
 from lockstep.lmi.processes.threads import one_thread
 from lockstep.lmi.processes.workers import started_without_interrupts
 from lockstep.lmi.search.hold_delay import for_delay
-from lockstep.lmi.search.local_search import Polished, as_outcome, polished
+from lockstep.lmi.search.local_search import WORTHWHILE, Polished, as_outcome, polished
 from lockstep.lmi.search.random_start import (
     GainSearch,
     Homotopy,
@@ -31,7 +31,8 @@ eliminated each takes minutes: no more are drawn than are asked for, and those t
 they were drawn, are pursued one after the other, until one has a certificate."""
 
 SETTLED = 0.002
-"""The part of rho that a stride has to gain when the best outcome is polished to its end."""
+"""The part of rho that a stride has to gain when the best outcome is polished to its end, or a rho that is asked for is to be
+reached."""
 
 SPOILT = 1.05
 """Times the least rho of all starts, above which the sampled rho of the best one is: that start is pursued as well."""
@@ -151,7 +152,8 @@ def _pursue(
     if climbed is None or climbed.certified < 1:
         return climbed, None
     start = as_outcome(search, index, climbed.point, score)
-    return climbed, polished(search, start, score, rho=rho, deadline=deadline)
+    worthwhile = WORTHWHILE if rho is None else SETTLED
+    return climbed, polished(search, start, score, rho=rho, worthwhile=worthwhile, deadline=deadline)
 
 
 def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: Deadline) -> Polished:
