@@ -82,7 +82,7 @@ def decide_positive_definite(matrix: Annotated[np.ndarray, "n n"]) -> Definitene
     scaled = matrix * np.outer(scale, scale)
     bits = max(max(int(entry.p).bit_length(), int(entry.q).bit_length()) for entry in scaled.flat)
     if bits > MOST_BITS:
-        said = f"entries too wildly scaled for exact arithmetic: {bits} bits in one, at most {MOST_BITS}"
+        said = f"entries too wildly scaled for exact arithmetic (one has {bits} bits, over {MOST_BITS})"
         return Definiteness(False, f"not decided, {said}", np.nan, decided=False)
     doubles = as_floats(scaled)
     margin = np.nan

@@ -1,5 +1,7 @@
 """Which starts a search pursues: fewer of a large loop, one after the other. The work itself is left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lmi_cases import ALPHA, arms, claim, problem, published
@@ -7,10 +9,19 @@ from lmi_cases import ALPHA, arms, claim, problem, published
 from lockstep.lmi.analysis.certificate_sdp import least_rho
 from lockstep.lmi.methods.certified import gain_search
 from lockstep.lmi.proposal import claim_of, proved_bound
-from lockstep.lmi.search import multistart
+from lockstep.lmi.search import local_search, multistart
+from lockstep.lmi.search.barrier import BarrierPoint
 from lockstep.lmi.search.local_search import Polished
-from lockstep.lmi.search.random_start import STARTS_PER_LOWER, GainSearch, StartResult, resume, run_start
+from lockstep.lmi.search.random_start import (
+    STARTS_PER_LOWER,
+    GainSearch,
+    Homotopy,
+    StartResult,
+    resume,
+    run_start,
+)
 from lockstep.lmi.search.smoothed_norm import Descended
+from lockstep.lmi.search.stopping import NEVER
 from lockstep.model.assembly import network_of
 
 SEARCH = GainSearch.of(arms().loop(2), claim(arms(), 2, ALPHA), 50.0)
@@ -33,10 +44,10 @@ def searched(
         done.append(("further", start.index))
         return start
 
-    def pursue(_search, _score, index, _at, _rho, _deadline):
-        done.append(("pursued", index))
-        here = Polished(index, published().blocks, CERTIFICATE, 1.0, 1.0, (1.0,))
-        return None, here if index in certified else None
+    def pursue(_search, _score, start, _rho, _deadline):
+        done.append(("pursued", start.index))
+        here = Polished(start.index, published().blocks, CERTIFICATE, 1.0, 1.0, (1.0,))
+        return None, here if start.index in certified else None
 
     for name, instead in (("run_start", run_start), ("resume", resume), ("_pursue", pursue)):
         monkeypatch.setattr(multistart, name, instead)
@@ -72,6 +83,35 @@ def test_of_a_small_loop_all_that_are_asked_for_are_pursued(monkeypatch):
     done = searched(monkeypatch, [5.0, 4.0, 2.0, 3.0], {0}, eliminates=False)
     assert len(of(done, "begun")) == 4 * multistart.DRAWN
     assert len(of(done, "pursued")) == 4
+
+
+@pytest.mark.parametrize(("large", "begun"), [(False, 16), (True, 8)])
+def test_half_of_the_starts_that_are_drawn_are_taken_further(monkeypatch, large, begun):
+    monkeypatch.setattr(GainSearch, "is_large", large)
+    done = searched(monkeypatch, [20.0 - k for k in range(16)], set(), eliminates=False)
+    assert of(done, "begun") == list(range(begun))
+    assert of(done, "further") == list(range(begun - 1, begun // 2 - 1, -1)), "the half with the least rho"
+
+
+@pytest.mark.parametrize(
+    ("asked", "strides"), [(None, 2), (0.6, 3)], ids=["small rho", "a rho that is asked for"]
+)
+def test_a_start_ends_at_the_first_stride_that_hardly_gains(monkeypatch, asked, strides):
+    """10 %, 0.5 %, a half: the second is the last one, unless it leaves rho above one that is asked for."""
+    taken = []
+
+    def stride(_search, point, _length, _deadline):
+        taken.append([0.9, 0.995, 0.5][len(taken)])
+        return replace(point, certificate=replace(point.certificate, rho=taken[-1] * point.certificate.rho))
+
+    here = BarrierPoint(published().blocks, CERTIFICATE)
+    monkeypatch.setattr(multistart, "homotopy", lambda *_: Homotopy(here, 1.0, 1.0))
+    monkeypatch.setattr(local_search, "_stride", stride)
+    monkeypatch.setattr(local_search, "_with_alpha_raised", lambda _search, best, _rho, _deadline: best)
+    start = StartResult(0, -1.0, Descended(here.K, np.ones(1), 0.5, CERTIFICATE.rho))
+    first = SEARCH.units.certificate(CERTIFICATE).rho
+    multistart._pursue(SEARCH, None, start, asked and asked * first, NEVER)
+    assert len(taken) == strides
 
 
 @pytest.mark.parametrize(

@@ -73,8 +73,7 @@ def size_of(M: Complex[np.ndarray, "f d d"]) -> float:
     size = float(np.abs(M).max(initial=0.0))
     if not 0 < size < np.inf:
         return size
-    fourth = np.linalg.matrix_power(M / size, 4)
-    return float(size * np.linalg.norm(fourth, axis=(1, 2)).max() ** 0.25)
+    return float(size * np.linalg.norm(np.linalg.matrix_power(M / size, 4), axis=(1, 2)).max() ** 0.25)
 
 
 def p_norm(M: Complex[np.ndarray, "f d d"], p: int) -> tuple[float, Complex[np.ndarray, "f d d"]]:

@@ -21,7 +21,6 @@ from lockstep.lmi.search.random_start import (
     resume,
     run_start,
 )
-from lockstep.lmi.search.smoothed_norm import Descended
 from lockstep.lmi.search.stopping import NEVER, Deadline
 
 DRAWN, DRAWN_OF_LARGE = 4, 2
@@ -122,9 +121,7 @@ def search_gains(
         pursued += [one for one in finite if one.rank not in {other.rank for other in further}]
     ends: list[tuple[Homotopy | None, Polished | None]] = []
     for some in [[one] for one in pursued] if eliminates else [pursued]:
-        ends += cores.run(
-            (0.6, 0.9), _pursue, [(search, score, one.index, one.at, rho, deadline) for one in some]
-        )
+        ends += cores.run((0.6, 0.9), _pursue, [(search, score, one, rho, deadline) for one in some])
         if any(outcome is not None for _, outcome in ends):
             break
     outcomes = sorted((outcome for _, outcome in ends if outcome is not None), key=lambda one: one.rank)
@@ -145,15 +142,15 @@ def search_gains(
 
 
 def _pursue(
-    search: GainSearch, score: Score | None, index: int, at: Descended, rho: float | None, deadline: Deadline
+    search: GainSearch, score: Score | None, start: StartResult, rho: float | None, deadline: Deadline
 ) -> tuple[Homotopy | None, Polished | None]:
     """Take gains to the whole claim, and polish them there."""
-    climbed = homotopy(search, at, deadline)
+    climbed = homotopy(search, start.at, deadline)
     if climbed is None or climbed.certified < 1:
         return climbed, None
-    start = as_outcome(search, index, climbed.point, score)
+    outcome = as_outcome(search, start.index, climbed.point, score)
     worthwhile = WORTHWHILE if rho is None else SETTLED
-    return climbed, polished(search, start, score, rho=rho, worthwhile=worthwhile, deadline=deadline)
+    return climbed, polished(search, outcome, score, rho=rho, worthwhile=worthwhile, deadline=deadline)
 
 
 def _settled(search: GainSearch, best: Polished, score: Score | None, deadline: Deadline) -> Polished:

@@ -149,12 +149,16 @@ def _matrix_market(content: bytes, where: str) -> SparseGraph:
         A = mmread(io.BytesIO(content))
     except (ValueError, TypeError, OverflowError, MemoryError, UnicodeDecodeError) as error:
         raise ProblemError(f"it is not Matrix Market ({error})", where=where, expected=FORMS) from None
-    demand(issparse(A), "it holds a full matrix", where, "coordinates: %%MatrixMarket matrix coordinate")
+    demand(
+        issparse(A), "it holds a full matrix", where, "one in coordinates: %%MatrixMarket matrix coordinate"
+    )
     found = f"a matrix of {A.shape[0]} x {A.shape[1]}"
     demand(A.shape[0] == A.shape[1], found, where, "a square one, a_ij in row i and column j")
     A = A.tocoo()
     demand(not np.iscomplexobj(A.data), "its entries are complex", where, "weights above 0")
-    return SparseGraph(A.shape[0], A.row.astype("i8"), A.col.astype("i8"), A.data.astype(float), where)
+    return SparseGraph(
+        A.shape[0], A.row.astype(np.int64), A.col.astype(np.int64), A.data.astype(float), where
+    )
 
 
 def _graphml(content: bytes, where: str) -> SparseGraph:
